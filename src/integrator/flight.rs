@@ -4,16 +4,16 @@ use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::emitter::{EmitterSample, ShadowTarget};
 use crate::ids::MediumId;
-use crate::math::lanes::each_lane;
+use crate::math::lanes::{bits, each_lane, f32x16, load, mask_from_bits};
 use crate::math::ray::offset_origin;
-use crate::math::{LANES, Ray, RayX16, Vec3};
-use crate::medium::{FreeFlight, Medium, Segment, Stream};
+use crate::math::{LANES, Ray, RayX16, Vec3, Vec3x16};
+use crate::medium::lanes::{CoefficientsX16, FlightX16};
+use crate::medium::{Heterogeneous, Medium, Segment, Stream};
 use crate::sampling::SampleKey;
 use crate::sampling::hash::combine;
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction, SurfaceInteractionX16};
-use std::ops::Range;
 
-/// The start of a ray that nothing scatters.
+/// The start of a ray in a medium.
 #[derive(Clone, Copy, Debug)]
 pub struct Departure {
     /// The medium in which the ray starts.
@@ -22,233 +22,355 @@ pub struct Departure {
     pub random: Stream,
 }
 
-impl Departure {
-    /// Starts on a ray.
-    pub fn unscattered(self, ray: Ray) -> Journey {
-        Journey::new(ray, self.medium, FreeFlight::unscattered(self.random))
-    }
-}
-
 /// A scattering event in a medium.
-pub struct Collision<'a> {
+#[derive(Clone, Copy, Debug)]
+pub struct Collision {
     /// The medium.
-    pub medium: &'a Medium,
+    pub medium: MediumId,
     /// The point.
     pub p: Vec3,
     /// The ray parameter.
     pub t: f32,
     /// The distance from where the ray entered the medium.
-    pub distance: f64,
+    pub distance: f32,
 }
 
-/// A part of a ray in a medium.
-pub struct Entry<'a, 's> {
-    /// The medium.
-    pub id: MediumId,
-    /// The medium.
-    pub medium: &'a Medium,
-    /// The part of the ray.
-    pub segment: Segment,
-    /// The surface at its end, if there is one.
-    pub ahead: &'s dyn Fn() -> Option<SurfaceInteraction>,
+/// Parts of at most sixteen rays in homogeneous media that may scatter them.
+pub struct Entries<'a> {
+    /// The indices of the rays.
+    pub index: [usize; LANES],
+    /// A mask of the lanes that count.
+    pub lanes: u32,
+    /// The media. Other lanes may have none.
+    pub media: [Option<MediumId>; LANES],
+    /// Their coefficients.
+    pub coefficients: &'a CoefficientsX16,
+    /// The rays.
+    pub rays: &'a RayX16,
+    /// Their unit directions.
+    pub directions: Vec3x16,
+    /// The lengths of the parts.
+    pub lengths: f32x16,
+    /// The flights at their starts.
+    pub flight: &'a FlightX16,
+    /// The surface at the end of a lane's part, if there is one.
+    pub ahead: &'a dyn Fn(usize) -> Option<SurfaceInteraction>,
 }
+
+/// What is called for parts of rays in homogeneous media that may scatter them, before the flights through them.
+pub type Enter<'a> = dyn FnMut(&Entries<'_>) + 'a;
 
 /// A ray on its way through media, from one boundary to the next.
 #[derive(Clone, Copy, Debug)]
-pub struct Journey {
-    /// The medium in which the ray is.
-    pub medium: Option<MediumId>,
-    /// The flight along it.
-    pub flight: FreeFlight,
+struct Journey {
     /// The rest of the ray.
     leg: Ray,
     /// The ray parameter of its start.
     before: f32,
+    departure: Departure,
+    /// The throughput by channel.
+    beta: [f32; 3],
+    /// The free flight: see [`FlightX16`].
+    choice: [f32; 3],
+    channel: f32,
+    left: f32,
 }
 
-impl Journey {
-    /// Starts on a ray in a medium.
-    pub fn new(ray: Ray, medium: Option<MediumId>, flight: FreeFlight) -> Self {
-        Journey { medium, flight, leg: ray, before: 0.0 }
+/// Rays on their way through media.
+#[derive(Default)]
+pub struct Journeys {
+    list: Vec<Journey>,
+    /// The events in media that ended them.
+    collisions: Vec<Option<Collision>>,
+}
+
+impl Journeys {
+    /// Removes all.
+    pub fn clear(&mut self) {
+        self.list.clear();
+        self.collisions.clear();
     }
 
-    /// Passes the surface `at` at its end, with the same flight. Returns the ray behind it.
-    pub fn pass(&mut self, scene: &Scene, media: &SceneMedia, at: &SurfaceInteraction) -> Ray {
-        let Ray { d, t_max, time, .. } = self.leg;
-        self.medium = media.beside(at, d, self.medium);
-        self.before += t_max;
-        self.leg = scene.spawn_ray(at, d, time);
-        self.leg
+    /// Adds a ray with a throughput. Only the transmittance counts, unless its flight is [sampled](Self::sample).
+    pub fn push(&mut self, leg: Ray, departure: Departure, beta: Rgb) {
+        let beta = beta.to_array();
+        let (channel, left) = (0.0, f32::INFINITY);
+        self.list.push(Journey { leg, before: 0.0, departure, beta, choice: beta, channel, left });
+        self.collisions.push(None);
     }
 
-    /// Returns the length of the journey up to the end of its ray, in the unit of ray parameters.
-    pub fn length(&self) -> f32 {
-        self.before + self.leg.t_max
+    /// Samples the flights of all rays, whose throughputs are not black. The first numbers choose the channels, the
+    /// others the optical depths.
+    pub fn sample(&mut self, numbers: &[Vec<f32>; 2]) {
+        for (block, journeys) in self.list.chunks_mut(LANES).enumerate() {
+            let of = each_lane(|k| journeys[k.min(journeys.len() - 1)]);
+            let u = [0, 1].map(|k| load(&numbers[k], block * LANES));
+            let beta = std::array::from_fn(|c| f32x16::new(of.map(|journey| journey.beta[c])));
+            let mut at = Vec3x16::default();
+            (0..LANES).for_each(|k| at.set_lane(k, of[k].leg.o));
+            let FlightX16 { channel, left, .. } = FlightX16::sampled(beta, u, at);
+            for (k, journey) in journeys.iter_mut().enumerate() {
+                (journey.channel, journey.left) = (channel.as_array()[k], left.as_array()[k]);
+            }
+        }
     }
 
-    /// Ends the journey at a ray parameter.
-    pub fn end_at(&mut self, t_max: f32) {
-        self.leg.t_max = t_max;
+    /// Returns the throughput of ray `i`.
+    pub fn beta(&self, i: usize) -> Rgb {
+        self.list[i].beta.into()
     }
 
-    /// Goes on to the next `boundary`, unless the surface `end` is reached before. Returns whether the journey goes on;
-    /// if it ends in a medium, `collision` is the event.
-    fn step<'a>(
+    /// Returns the medium in which ray `i` is.
+    pub fn medium(&self, i: usize) -> Option<MediumId> {
+        self.list[i].departure.medium
+    }
+
+    /// Returns the event in a medium at which the journey of ray `i` ended.
+    pub fn collision(&self, i: usize) -> Option<&Collision> {
+        self.collisions[i].as_ref()
+    }
+
+    /// Passes the surface `at` at the end of ray `i`, with the same flight. Returns the ray behind it.
+    pub fn pass(&mut self, i: usize, scene: &Scene, media: &SceneMedia, at: &SurfaceInteraction) -> Ray {
+        let Journey { leg, before, departure, .. } = &mut self.list[i];
+        departure.medium = media.beside(at, leg.d, departure.medium);
+        *before += leg.t_max;
+        *leg = scene.spawn_ray(at, leg.d, leg.time);
+        *leg
+    }
+
+    /// Returns the length of the journey of ray `i` up to its end, in the unit of ray parameters.
+    pub fn length(&self, i: usize) -> f32 {
+        self.list[i].before + self.list[i].leg.t_max
+    }
+
+    /// Ends ray `i` at a ray parameter.
+    pub fn end_at(&mut self, i: usize, t_max: f32) {
+        self.list[i].leg.t_max = t_max;
+    }
+
+    /// Follows the rays in the list `active` up to the surfaces that `end` returns, or their greatest parameter,
+    /// through boundaries of media that do not scatter them. Those whose flight ends before have a
+    /// [`collision`](Self::collision). `first` are the first boundaries that the rays may pass, if they are known.
+    pub fn follow(
         &mut self,
         scene: &Scene,
-        media: &'a SceneMedia,
-        boundary: Option<&SurfaceInteraction>,
-        end: impl Fn() -> Option<SurfaceInteraction>,
-        enter: impl FnOnce(&Entry<'a, '_>, &FreeFlight),
-        collision: &mut Option<Collision<'a>>,
-    ) -> bool {
-        let Ray { o, d, t_max, time } = self.leg;
-        let speed = f64::from(d.length());
-        let boundary = boundary.filter(|at| {
-            let before = (t_max - at.hit.t) * d.dot(at.ng).abs();
-            let is_close = before <= rounding(o, d * t_max);
-            !(is_close && end().is_some_and(|end| is_reached_first(&end, at, d)))
+        media: &SceneMedia,
+        mut active: Vec<usize>,
+        mut first: Option<&[Option<Hit>]>,
+        end: impl Fn(usize) -> Option<SurfaceInteraction>,
+        mut enter: Option<&mut Enter<'_>>,
+    ) {
+        let mut hits = Vec::new();
+        while !active.is_empty() {
+            if media.has_passed() {
+                match first.take() {
+                    Some(known) => hits.extend_from_slice(known),
+                    None => {
+                        let legs: Vec<Ray> = active.iter().map(|&i| self.list[i].leg).collect();
+                        hits = media.passed(&legs);
+                    }
+                }
+            }
+            let mut count = 0;
+            for block in (0..active.len()).step_by(LANES) {
+                let lanes = (active.len() - block).min(LANES);
+                let index = each_lane(|k| active[block + k.min(lanes - 1)]);
+                let rays = RayX16::load(&index.map(|i| self.list[i].leg), 0);
+                let hits = hits.get(block..block + lanes).unwrap_or(&[]);
+                let boundaries = Boundaries::new(scene, &rays, hits, |k| end(index[k]));
+                let end = |k: usize| end(index[k]);
+                let passing = self.advance(
+                    (scene, media),
+                    (index, lanes),
+                    &rays,
+                    &boundaries,
+                    end,
+                    enter.as_deref_mut(),
+                );
+                for k in bits(passing) {
+                    active[count] = index[k];
+                    count += 1;
+                }
+            }
+            active.truncate(count);
+            hits.clear();
+        }
+    }
+
+    /// Lets at most sixteen rays go on to the next boundary. Returns a mask of those that pass it.
+    fn advance(
+        &mut self,
+        (scene, media): (&Scene, &SceneMedia),
+        (index, lanes): ([usize; LANES], usize),
+        rays: &RayX16,
+        boundaries: &Boundaries,
+        end: impl Fn(usize) -> Option<SurfaceInteraction>,
+        mut enter: Option<&mut Enter<'_>>,
+    ) -> u32 {
+        let active = (1 << lanes) - 1;
+        let speed = rays.d.length_squared().sqrt();
+        let length = boundaries.t.fast_min(rays.t_max).fast_max(f32x16::ZERO);
+        let ids = index.map(|i| self.list[i].departure.medium);
+        let in_medium = ids.map(|id| media.get(id));
+        let homogeneous = in_medium.map(|medium| match medium {
+            Some(Medium::Homogeneous(medium)) => Some(medium),
+            _ => None,
         });
-        if let Some((id, medium)) = self.medium.and_then(|id| Some((id, media.get(Some(id))?))) {
-            let length = boundary.map_or(t_max, |at| at.hit.t).max(0.0);
-            let direction = (d.as_dvec3() / speed).as_vec3();
-            let segment = Segment { origin: o, direction, length: f64::from(length) * speed };
-            let ahead = || boundary.copied().or_else(&end);
-            enter(&Entry { id, medium, segment, ahead: &ahead }, &self.flight);
-            if let Some(distance) = self.flight.advance(medium, &segment) {
-                let t = (distance / speed) as f32;
-                let p = o + d * t;
-                let is_close = (length - t) * d.length() <= rounding(o, d * length);
-                let p = if is_close { before_end(p, ahead().as_ref(), d) } else { p };
-                *collision = Some(Collision { medium, p, t: self.before + t, distance });
-                return false;
+        let ahead = |k: usize| boundaries.at(k).or_else(|| end(k));
+        let mut scattered = 0;
+        if homogeneous.iter().any(Option::is_some) {
+            let coefficients = CoefficientsX16::of(&homogeneous);
+            let of = index.map(|i| &self.list[i]);
+            let mut flight = FlightX16 {
+                beta: std::array::from_fn(|c| f32x16::new(of.map(|journey| journey.beta[c]))),
+                choice: std::array::from_fn(|c| f32x16::new(of.map(|journey| journey.choice[c]))),
+                channel: f32x16::new(of.map(|journey| journey.channel)),
+                left: f32x16::new(of.map(|journey| journey.left)),
+            };
+            if let Some(enter) = &mut enter {
+                let sampled = flight.left.simd_lt(f32x16::splat(f32::INFINITY)) & coefficients.scatter();
+                let lanes = sampled.to_bitmask() & active;
+                if lanes != 0 {
+                    enter(&Entries {
+                        index,
+                        lanes,
+                        media: ids,
+                        coefficients: &coefficients,
+                        rays,
+                        directions: rays.d / speed,
+                        lengths: length * speed,
+                        flight: &flight,
+                        ahead: &ahead,
+                    });
+                }
+            }
+            let (ended, distance) = flight.advance(&coefficients, length * speed);
+            scattered = ended.to_bitmask() & active;
+            for k in 0..lanes {
+                let journey = &mut self.list[index[k]];
+                journey.beta = std::array::from_fn(|c| flight.beta[c].as_array()[k]);
+                journey.choice = std::array::from_fn(|c| flight.choice[c].as_array()[k]);
+                journey.left = flight.left.as_array()[k];
+            }
+            let t = distance / speed;
+            let mut p = rays.o + rays.d * t;
+            let close = ((length - t) * speed).simd_le(rounding_x16(rays.o, length * speed));
+            for k in bits(close.to_bitmask() & scattered) {
+                p.set_lane(k, before_end(p.lane(k), ahead(k).as_ref(), rays.d.lane(k)));
+            }
+            for k in bits(scattered) {
+                let (t, distance) = (self.list[index[k]].before + t.as_array()[k], distance.as_array()[k]);
+                self.collisions[index[k]] =
+                    ids[k].map(|medium| Collision { medium, p: p.lane(k), t, distance });
             }
         }
-        let Some(at) = boundary else { return false };
-        let next = scene.spawn_ray(at, d, time);
-        // Where the numbers have no step that is small enough, a ray cannot pass the boundary.
-        if next.o == o {
-            return false;
+        for k in 0..lanes {
+            if let Some(Medium::Heterogeneous(medium)) = in_medium[k] {
+                let (speed, length) = (speed.as_array()[k], length.as_array()[k]);
+                let direction = (rays.d.lane(k).as_dvec3() / f64::from(speed)).as_vec3();
+                let length = f64::from(length) * f64::from(speed);
+                let segment = Segment { origin: rays.o.lane(k), direction, length };
+                scattered |= u32::from(self.track(index[k], medium, &segment, || ahead(k))) << k;
+            }
         }
-        self.medium = media.beside(at, d, self.medium);
-        self.before += at.hit.t;
-        self.leg = Ray { t_max: t_max - at.hit.t, ..next };
+        let passing = boundaries.lanes & active & !scattered;
+        match &boundaries.at {
+            Some(at) if passing != 0 => self.pass_boundaries((scene, media), &index, rays, at, passing),
+            _ => 0,
+        }
+    }
+
+    /// Continues ray `i` through a heterogeneous medium. Returns whether its flight ends there.
+    fn track(
+        &mut self,
+        i: usize,
+        medium: &Heterogeneous,
+        segment: &Segment,
+        ahead: impl Fn() -> Option<SurfaceInteraction>,
+    ) -> bool {
+        let Journey { leg: Ray { o, d, .. }, before, departure, beta, left, .. } = &mut self.list[i];
+        let (distance, factor) =
+            medium.track(segment, (*beta).into(), left.is_finite(), &mut departure.random);
+        for (channel, factor) in beta.iter_mut().zip(factor.to_array()) {
+            *channel *= factor;
+        }
+        let (Some(distance), Some(id)) = (distance, departure.medium) else { return false };
+        let (o, d) = (*o, *d);
+        let t = (distance / f64::from(d.length())) as f32;
+        let p = o + d * t;
+        let is_close =
+            (segment.length - distance) as f32 <= rounding(o, segment.direction * segment.length as f32);
+        let p = if is_close { before_end(p, ahead().as_ref(), d) } else { p };
+        self.collisions[i] = Some(Collision { medium: id, p, t: *before + t, distance: distance as f32 });
         true
     }
-}
 
-/// Follows rays up to the surfaces that `end` returns, or their greatest parameter, through boundaries of media that do
-/// not scatter them. Returns the scattering events in media of those whose flight ends before. `first` are the first
-/// boundaries that rays may pass, if they are known. `enter` is called for each part of a ray that is in a medium,
-/// before the flight through it.
-pub fn follow<'a>(
-    scene: &Scene,
-    media: &'a SceneMedia,
-    journeys: &mut [Journey],
-    mut first: Option<&[Option<Hit>]>,
-    end: impl Fn(usize) -> Option<SurfaceInteraction>,
-    mut enter: impl FnMut(usize, &Entry<'a, '_>, &FreeFlight),
-) -> Vec<Option<Collision<'a>>> {
-    if !media.has_passed() {
-        let step = |(i, journey): (usize, &mut Journey)| {
-            let mut collision = None;
-            let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
-            journey.step(scene, media, None, || end(i), enter, &mut collision);
-            collision
-        };
-        return journeys.iter_mut().enumerate().map(step).collect();
-    }
-    let mut collisions: Vec<_> = journeys.iter().map(|_| None).collect();
-    let mut active: Vec<usize> = (0..journeys.len()).collect();
-    let mut legs = Vec::with_capacity(active.len());
-    while !active.is_empty() {
-        legs.clear();
-        legs.extend(active.iter().map(|&i| journeys[i].leg));
-        let found;
-        let hits = match first.take() {
-            Some(hits) => hits,
-            None => {
-                found = media.passed(&legs);
-                &found
-            }
-        };
-        let mut count = 0;
-        for block in (0..legs.len()).step_by(LANES) {
-            let in_block = block..legs.len().min(block + LANES);
-            let boundaries = Boundaries::new(scene, &legs, hits, in_block.clone());
-            for j in in_block {
-                let i = active[j];
-                let boundary = boundaries.at(j - block);
-                let enter = |entry: &Entry<'a, '_>, flight: &FreeFlight| enter(i, entry, flight);
-                let goes_on =
-                    journeys[i].step(scene, media, boundary.as_ref(), || end(i), enter, &mut collisions[i]);
-                active[count] = i;
-                count += usize::from(goes_on);
-            }
+    /// Passes boundaries, for the lanes of the mask `passing`. Returns a mask of those that go on.
+    fn pass_boundaries(
+        &mut self,
+        (scene, media): (&Scene, &SceneMedia),
+        index: &[usize; LANES],
+        rays: &RayX16,
+        at: &SurfaceInteractionX16,
+        passing: u32,
+    ) -> u32 {
+        let next = scene.spawn_rays(at, rays.d, rays.time);
+        // Where the numbers have no step that is small enough, a ray cannot pass the boundary.
+        let moves = next.o.x.simd_ne(rays.o.x) | next.o.y.simd_ne(rays.o.y) | next.o.z.simd_ne(rays.o.z);
+        let passing = passing & moves.to_bitmask();
+        let to_front = rays.d.dot(at.ng).simd_gt(f32x16::ZERO).to_bitmask();
+        for k in bits(passing) {
+            let (Journey { leg, before, departure, .. }, t) = (&mut self.list[index[k]], at.hit[k].t);
+            departure.medium = media.on_side(at.shape(k), to_front >> k & 1 == 1, departure.medium);
+            *before += t;
+            *leg = Ray { o: next.o.lane(k), t_max: leg.t_max - t, ..*leg };
         }
-        active.truncate(count);
+        passing
     }
-    collisions
 }
 
-/// The boundaries on at most sixteen legs.
+/// The boundaries on at most sixteen rays.
 struct Boundaries {
     at: Option<SurfaceInteractionX16>,
+    /// A mask of the rays with a boundary.
     lanes: u32,
+    /// Their ray parameters; infinite without one.
+    t: f32x16,
 }
 
 impl Boundaries {
-    fn new(scene: &Scene, legs: &[Ray], hits: &[Option<Hit>], block: Range<usize>) -> Self {
-        let hits = &hits[block.clone()];
-        let lanes = hits.iter().enumerate().fold(0, |lanes, (k, hit)| lanes | u32::from(hit.is_some()) << k);
-        let some = hits.iter().flatten().next();
-        let at = some.map(|some| {
+    /// Returns the boundaries `hits` that rays meet before the surfaces at their ends, which `end` returns.
+    fn new(
+        scene: &Scene,
+        rays: &RayX16,
+        hits: &[Option<Hit>],
+        end: impl Fn(usize) -> Option<SurfaceInteraction>,
+    ) -> Self {
+        let mut lanes =
+            hits.iter().enumerate().fold(0, |lanes, (k, hit)| lanes | u32::from(hit.is_some()) << k);
+        let mut t = f32x16::splat(f32::INFINITY);
+        let at = hits.iter().flatten().next().map(|some| {
             let hits = each_lane(|k| hits.get(k).copied().flatten().unwrap_or(*some));
-            scene.interactions(&RayX16::load(legs, block.start), &hits)
+            let at = scene.interactions(rays, &hits);
+            let t_hit = f32x16::new(hits.map(|hit| hit.t));
+            let speed = rays.d.length_squared().sqrt();
+            let before = (rays.t_max - t_hit) * rays.d.dot(at.ng).abs();
+            let close = before.simd_le(rounding_x16(rays.o, rays.t_max * speed)).to_bitmask();
+            for k in bits(close & lanes) {
+                if end(k).is_some_and(|end| is_reached_first(&end, &at.lane(k), rays.d.lane(k))) {
+                    lanes &= !(1 << k);
+                }
+            }
+            t = mask_from_bits(lanes).select(t_hit, t);
+            at
         });
-        Boundaries { at, lanes }
+        Boundaries { at, lanes, t }
     }
 
     fn at(&self, lane: usize) -> Option<SurfaceInteraction> {
         self.at.as_ref().filter(|_| self.lanes >> lane & 1 == 1).map(|at| at.lane(lane))
     }
-}
-
-/// The end of a flight.
-pub struct Landing<'a> {
-    /// The medium in which it ends.
-    pub medium: Option<MediumId>,
-    /// The factor of the throughput.
-    pub weight: Rgb,
-    /// The scattering event, if the flight ends in the medium.
-    pub collision: Option<Collision<'a>>,
-}
-
-/// Follows rays up to the surfaces that `end` returns, beside the ray parameter there, or to infinity. `start` returns
-/// the medium in which a ray starts, and its flight.
-pub fn fly<'a, 's>(
-    scene: &Scene,
-    media: &'a SceneMedia,
-    rays: &[Ray],
-    end: impl Fn(usize) -> Option<(&'s SurfaceInteraction, f32)>,
-    start: impl Fn(usize) -> (Option<MediumId>, FreeFlight),
-) -> Vec<Landing<'a>> {
-    let depart = |(i, ray): (usize, &Ray)| {
-        let (medium, flight) = start(i);
-        let t_max = end(i).map_or(ray.t_max, |(_, t)| t);
-        Journey::new(Ray { t_max, ..*ray }, medium, flight)
-    };
-    let mut journeys: Vec<Journey> = rays.iter().enumerate().map(depart).collect();
-    let end = |i: usize| Some(*end(i)?.0);
-    let collisions = follow(scene, media, &mut journeys, None, end, |_, _, _| {});
-    let land = |(Journey { medium, flight, .. }, collision): (Journey, Option<Collision<'a>>)| {
-        let weight = match &collision {
-            Some(collision) => flight.scattered(collision.medium),
-            None => flight.passed(),
-        };
-        Landing { medium, weight, collision }
-    };
-    journeys.into_iter().zip(collisions).map(land).collect()
 }
 
 /// Returns a stream of random numbers for the event of a path after `bounce` others. `purpose` is 0, 1 or 2.
@@ -301,8 +423,14 @@ fn normal_along(at: &SurfaceInteraction, d: Vec3) -> Vec3 {
 
 /// Returns a distance much longer than that by which rounding moves a point of a ray from `o` that ends at `o + to`,
 /// unless a surface is a thousand times as large.
-pub fn rounding(o: Vec3, to: Vec3) -> f32 {
+fn rounding(o: Vec3, to: Vec3) -> f32 {
     1e-4 * (o.abs().max_element() + to.length())
+}
+
+/// Computes [`rounding`] for sixteen rays of the given lengths.
+pub fn rounding_x16(o: Vec3x16, length: f32x16) -> f32x16 {
+    let o = o.abs();
+    f32x16::splat(1e-4) * (o.x.fast_max(o.y).fast_max(o.z) + length)
 }
 
 /// Returns whether a ray in the direction `d` hits the surface `end` before it has passed the boundary `at`: a ray that

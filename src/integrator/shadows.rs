@@ -1,9 +1,11 @@
 //! Shadow rays of a wave, which wait for their occlusion.
 
-use super::flight::{Departure, Journey, follow};
+use super::flight::{Departure, Journeys};
 use crate::color::Rgb;
-use crate::math::lanes::bits;
+use crate::math::lanes::{LANES, bits, each_lane};
 use crate::math::{Ray, RayX16, f32x16};
+use crate::medium::lanes::CoefficientsX16;
+use crate::medium::{Homogeneous, Medium};
 use crate::scene::Scene;
 
 /// Shadow rays with their contributions if unoccluded.
@@ -14,6 +16,7 @@ pub struct ShadowQueue {
     pub(super) occluded: Vec<bool>,
     /// Where rays start in media, beside their indices.
     departures: Vec<(usize, Departure)>,
+    journeys: Journeys,
 }
 
 impl ShadowQueue {
@@ -57,16 +60,18 @@ impl ShadowQueue {
         if self.departures.is_empty() {
             unoccluded.for_each(|(_, ((slot, value), _))| add(*slot as usize, *value));
         } else {
-            let mut departures = self.departures.iter().peekable();
-            let mut journeys = Vec::new();
+            let all = std::mem::take(&mut self.departures);
+            let mut departures = all.iter().peekable();
+            let mut through_media = Vec::with_capacity(all.len());
             for (i, ((slot, value), _)) in unoccluded {
                 while departures.next_if(|(ray, _)| *ray < i).is_some() {}
                 match departures.next_if(|(ray, _)| *ray == i) {
                     None => add(*slot as usize, *value),
-                    Some((_, departure)) => journeys.push((i, *departure)),
+                    Some(departure) => through_media.push(*departure),
                 }
             }
-            self.finish_in_media(scene, journeys, add);
+            self.finish_in_media(scene, &through_media, add);
+            self.departures = all;
         }
         self.rays.clear();
         self.pending.clear();
@@ -75,34 +80,73 @@ impl ShadowQueue {
 
     /// Adds the values of rays, given by their indices, times the transmittances of the media through which they go.
     fn finish_in_media(
-        &self,
+        &mut self,
         scene: &Scene,
-        mut journeys: Vec<(usize, Departure)>,
+        departures: &[(usize, Departure)],
         mut add: impl FnMut(usize, Rgb),
     ) {
         let Some(media) = &scene.media else { return };
-        let rays: Vec<Ray> = journeys.iter().map(|(i, _)| self.rays[*i]).collect();
-        let mut boundaries = media.passed(&rays);
-        // Rays that meet no medium need no journey.
-        let mut count = 0;
-        for k in 0..journeys.len() {
-            let (i, departure) = journeys[k];
-            if departure.medium.is_none() && boundaries[k].is_none() {
-                let (slot, value) = self.pending[i];
-                add(slot as usize, value);
-            } else {
-                (journeys[count], boundaries[count]) = (journeys[k], boundaries[k]);
-                count += 1;
+        let ShadowQueue { rays, pending, journeys, .. } = self;
+        let boundaries = media.has_passed().then(|| {
+            let rays: Vec<Ray> = departures.iter().map(|(i, _)| rays[*i]).collect();
+            media.passed(&rays)
+        });
+        journeys.clear();
+        let (mut on_journeys, mut first) = (Vec::new(), Vec::new());
+        let mut simple = Simple::default();
+        for (k, &(i, departure)) in departures.iter().enumerate() {
+            let boundary = boundaries.as_ref().and_then(|boundaries| boundaries[k]);
+            let (slot, value) = pending[i];
+            match media.get(departure.medium) {
+                None if boundary.is_none() => add(slot as usize, value),
+                Some(Medium::Homogeneous(medium)) if boundary.is_none() => {
+                    simple.push(i, medium);
+                    if simple.count == LANES {
+                        simple.finish(rays, pending, &mut add);
+                    }
+                }
+                _ => {
+                    journeys.push(rays[i], departure, value);
+                    first.push(boundary);
+                    on_journeys.push(slot);
+                }
             }
         }
-        journeys.truncate(count);
-        boundaries.truncate(count);
-        let start = |(i, departure): &(usize, Departure)| departure.unscattered(self.rays[*i]);
-        let mut flights: Vec<Journey> = journeys.iter().map(start).collect();
-        follow(scene, media, &mut flights, Some(&boundaries), |_| None, |_, _, _| {});
-        for ((i, _), journey) in journeys.iter().zip(&flights) {
-            let (slot, value) = self.pending[*i];
-            add(slot as usize, value * journey.flight.passed());
+        simple.finish(rays, pending, &mut add);
+        journeys.follow(scene, media, (0..on_journeys.len()).collect(), Some(&first), |_| None, None);
+        for (k, slot) in on_journeys.into_iter().enumerate() {
+            add(slot as usize, journeys.beta(k));
+        }
+    }
+}
+
+/// At most sixteen rays, each of which stays in one homogeneous medium.
+#[derive(Default)]
+struct Simple<'a> {
+    index: [usize; LANES],
+    media: [Option<&'a Homogeneous>; LANES],
+    count: usize,
+}
+
+impl<'a> Simple<'a> {
+    fn push(&mut self, i: usize, medium: &'a Homogeneous) {
+        (self.index[self.count], self.media[self.count]) = (i, Some(medium));
+        self.count += 1;
+    }
+
+    /// Adds the values of the rays times the transmittances.
+    fn finish(&mut self, rays: &[Ray], pending: &[(u32, Rgb)], mut add: impl FnMut(usize, Rgb)) {
+        let Simple { index, media, count } = std::mem::take(self);
+        if count == 0 {
+            return;
+        }
+        let lane = |k: usize| k.min(count - 1);
+        let block = RayX16::load(&each_lane(|k| rays[index[lane(k)]]), 0);
+        let lengths = block.t_max * block.d.length_squared().sqrt();
+        let transmittance = CoefficientsX16::of(&each_lane(|k| media[lane(k)])).transmittance(lengths);
+        for k in 0..count {
+            let (slot, value) = pending[index[k]];
+            add(slot as usize, value * Rgb::from(transmittance.map(|channel| channel.as_array()[k])));
         }
     }
 }

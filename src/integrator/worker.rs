@@ -4,6 +4,8 @@ use super::bdpt::sharing::SharedLightPaths;
 use super::emission::skip_emitters;
 use super::shadows::ShadowQueue;
 use super::volpath::bodies::Walkers;
+use super::volpath::flights;
+use super::volpath::scattering::Scattered;
 use super::{Interrupt, Radiance};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
@@ -65,6 +67,8 @@ pub struct Worker {
     pub sort_buffers: SortBuffers,
     /// The paths of the current wave that are in media which fill bodies.
     pub walkers: Walkers,
+    /// The paths of the current wave that are in other media.
+    pub flights: flights::Buffers,
     /// Random numbers of the current wave.
     pub numbers: RandomNumbers,
     /// Random numbers of the samples at a surface where paths are split.
@@ -200,11 +204,21 @@ impl PathWave {
         self.eta.push(eta);
     }
 
-    /// Adds a path that a medium has scattered, at the start of its ray, with the density `pdf`.
-    pub fn push_scattered(&mut self, key: SampleKey, slot: u32, ray: Ray, pdf: f32, beta: Rgb, eta: f32) {
-        self.push(ray, key, slot, beta, eta);
-        let last = self.pdf.len() - 1;
-        self.pdf[last] = pdf;
+    /// Adds paths that media have scattered.
+    pub fn push_scattered(&mut self, scattered: &[Scattered]) {
+        self.rays.extend(scattered.iter().map(Scattered::ray));
+        self.keys.extend(scattered.iter().map(|path| path.key));
+        self.slots.extend(scattered.iter().map(|path| path.slot));
+        for (c, channel) in self.beta.iter_mut().enumerate() {
+            channel.extend(scattered.iter().map(|path| path.beta[c]));
+        }
+        self.from.extend(scattered.iter().map(|path| path.p));
+        if !self.gloss.is_empty() {
+            self.gloss.resize(self.rays.len(), Gloss::NONE);
+        }
+        self.pdf.extend(scattered.iter().map(|path| path.pdf));
+        self.eta.extend(scattered.iter().map(|path| path.eta));
+        self.in_media.extend(scattered.iter().map(Scattered::in_media));
     }
 
     /// Copies another wave.
@@ -431,6 +445,7 @@ impl Worker {
             paths: PathWave::default(),
             sort_buffers: SortBuffers::default(),
             walkers: Walkers::default(),
+            flights: flights::Buffers::default(),
             numbers: RandomNumbers::default(),
             split_numbers: Vec::new(),
             specular_only: Vec::new(),

@@ -1,13 +1,10 @@
-//! Sampling of the distance that light travels in media before it is scattered.
+//! Sampling of the distance that light travels in homogeneous media before it is scattered, for one path: what
+//! [`FlightX16`](super::lanes::FlightX16) is tested against.
 
-use super::heterogeneous::{Heterogeneous, Segment};
-use super::{Homogeneous, Medium};
+use super::{Homogeneous, exponentials};
 use crate::color::Rgb;
 use crate::math::{Vec2, Vec3};
-use crate::sampling::hash::{lower_digits, pcg3d};
-
-/// The greatest transmittance at which a flight that is not sampled may end by Russian roulette.
-const ROULETTE: f64 = 0.1;
+use crate::sampling::hash::lower_digits;
 
 /// The flight of a path along a ray through one medium after the other, until it is scattered or leaves the last one.
 ///
@@ -15,10 +12,6 @@ const ROULETTE: f64 = 0.1;
 /// the path, and weights divide by the density over all choices: the balance heuristic over the channels. [Veach 1997,
 /// 9.2; Wilkie 2014; Miller 2019] Thus the sum of the channels of the throughput never grows in a medium. A medium
 /// that only absorbs is not sampled.
-///
-/// In heterogeneous media, the flight visits points whose density is a bound of the extinction of all channels. At
-/// each, it is scattered or goes on, with probabilities in proportion to the sum of the channels of the throughput
-/// after either. [Kutz et al. 2017, spectral tracking] Thus that sum does not grow there either.
 #[derive(Clone, Copy, Debug)]
 pub struct FreeFlight {
     /// The probabilities of the channels, which are the throughput of the path at the start divided by its sum.
@@ -32,50 +25,23 @@ pub struct FreeFlight {
     scattering: [f64; 3],
     /// The optical depths so far over all homogeneous media.
     total: [f64; 3],
-    /// The product of the factors of the throughput in heterogeneous media.
-    factors: [f64; 3],
-    random: Stream,
-}
-
-/// A stream of independent uniform numbers.
-#[derive(Clone, Copy, Debug)]
-pub struct Stream {
-    seed: [u32; 2],
-    count: u32,
-}
-
-impl Stream {
-    /// Creates a stream. Streams of different seeds are independent.
-    pub fn new(seed: [u32; 2]) -> Self {
-        Stream { seed, count: 0 }
-    }
-
-    /// Returns the next number, in (0, 1).
-    pub fn uniform(&mut self) -> f64 {
-        let [a, b, _] = pcg3d(self.seed[0], self.seed[1], self.count);
-        self.count = self.count.wrapping_add(1);
-        (f64::from(a) + (f64::from(b >> 12) + 0.5) * 2f64.powi(-20)) * 2f64.powi(-32)
-    }
 }
 
 impl FreeFlight {
     /// Starts a flight that nothing ends: only the transmittance counts.
-    pub fn unscattered(random: Stream) -> Self {
+    pub fn unscattered() -> Self {
         FreeFlight {
             choice: [1.0, 0.0, 0.0],
             channel: 0,
             end: f64::INFINITY,
             scattering: [0.0; 3],
             total: [0.0; 3],
-            factors: [1.0; 3],
-            random,
         }
     }
 
     /// Starts a flight of a path with the throughput `beta`, which is not black. `u.x` chooses the channel, `u.y` the
-    /// optical depth; `at` is the start of the ray, which determines digits beyond those of `u`. Heterogeneous media
-    /// use the numbers of `random`.
-    pub fn sampled(beta: Rgb, u: Vec2, at: Vec3, random: Stream) -> Self {
+    /// optical depth; `at` is the start of the ray, which determines digits beyond those of `u`.
+    pub fn sampled(beta: Rgb, u: Vec2, at: Vec3) -> Self {
         // Half of the least step makes the number positive and the optical depth at most 34.
         let exact = |u: f32| f64::from(u) + f64::from(lower_digits(u, at)) + 2f64.powi(-58);
         let beta = beta.to_array().map(f64::from);
@@ -89,30 +55,11 @@ impl FreeFlight {
             _ => 1,
         };
         let channel = if choice[channel] > 0.0 { channel } else { 0 };
-        FreeFlight { choice, channel, end: -exact(u.y).ln(), ..FreeFlight::unscattered(random) }
+        FreeFlight { choice, channel, end: -exact(u.y).ln(), ..FreeFlight::unscattered() }
     }
 
-    /// Returns whether a medium can end it.
-    pub fn is_sampled(&self) -> bool {
-        self.end.is_finite()
-    }
-
-    /// Returns the probabilities of the channels by which the distance is sampled.
-    pub fn choice(&self) -> [f64; 3] {
-        self.choice
-    }
-
-    /// Continues through a medium along a part of the ray. Returns the distance after which the flight ends in it, if
-    /// it does.
-    pub fn advance(&mut self, medium: &Medium, segment: &Segment) -> Option<f64> {
-        match medium {
-            Medium::Homogeneous(medium) => self.advance_homogeneous(medium, segment.length),
-            Medium::Heterogeneous(medium) => self.track(medium, segment),
-            Medium::Unsupported(_) => None,
-        }
-    }
-
-    fn advance_homogeneous(&mut self, medium: &Homogeneous, length: f64) -> Option<f64> {
+    /// Continues through a medium over a distance. Returns the distance after which the flight ends in it, if it does.
+    pub fn advance(&mut self, medium: &Homogeneous, length: f64) -> Option<f64> {
         let sigma_t = medium.sigma_t.to_array().map(f64::from);
         let samples = medium.scatters() && self.end.is_finite();
         let left = self.end - self.scattering[self.channel];
@@ -128,60 +75,21 @@ impl FreeFlight {
         ends.then_some(length)
     }
 
-    /// Continues through a heterogeneous medium.
-    fn track(&mut self, medium: &Heterogeneous, segment: &Segment) -> Option<f64> {
-        let samples = self.end.is_finite() && medium.scatters();
-        let FreeFlight { choice, factors, random, .. } = self;
-        let mut end = None;
-        // Two streams, because both closures need numbers.
-        let mut decisions = Stream::new([!random.seed[0], random.seed[1].wrapping_add(random.count)]);
-        medium.visit(
-            segment,
-            || random.uniform(),
-            |at| {
-                let null = at.sigma_t.map(|sigma| at.majorant - sigma);
-                let weight =
-                    |sigma: &[f64; 3]| (0..3).map(|c| choice[c] * factors[c] * sigma[c]).sum::<f64>();
-                let (scatters, passes) = (if samples { weight(&at.sigma_s) } else { 0.0 }, weight(&null));
-                let probability = if scatters > 0.0 { scatters / (scatters + passes) } else { 0.0 };
-                let ends = probability > 0.0 && decisions.uniform() < probability;
-                let (sigma, probability) =
-                    if ends { (at.sigma_s, probability) } else { (null, 1.0 - probability) };
-                for c in 0..3 {
-                    factors[c] *= sigma[c] / (at.majorant * probability);
-                }
-                if ends {
-                    end = Some(at.distance);
-                    return false;
-                }
-                let largest = factors.iter().copied().fold(0.0, f64::max);
-                if largest < ROULETTE && !samples && largest > 0.0 {
-                    let survival = largest / ROULETTE;
-                    let survives = decisions.uniform() < survival;
-                    *factors = factors.map(|f| if survives { f / survival } else { 0.0 });
-                }
-                factors.iter().any(|f| *f > 0.0)
-            },
-        );
-        end
-    }
-
     /// Returns the factor of the throughput if the flight ended in a medium: the scattering coefficient times the
     /// transmittance, divided by the density per unit length.
-    pub fn scattered(&self, medium: &Medium) -> Rgb {
-        let Medium::Homogeneous(medium) = medium else { return self.passed() };
+    pub fn scattered(&self, medium: &Homogeneous) -> Rgb {
         let sigma_t = medium.sigma_t.to_array().map(f64::from);
         let [scattering, total] = self.transmittances();
         let density: f64 = (0..3).map(|c| self.choice[c] * sigma_t[c] * scattering[c]).sum();
         let sigma_s = medium.sigma_s.to_array().map(f64::from);
-        [0, 1, 2].map(|c| (self.factors[c] * sigma_s[c] * total[c] / density) as f32).into()
+        [0, 1, 2].map(|c| (sigma_s[c] * total[c] / density) as f32).into()
     }
 
     /// Returns the factor of the throughput if the flight has not ended: the transmittance, divided by the probability.
     pub fn passed(&self) -> Rgb {
         let [scattering, total] = self.transmittances();
         let probability: f64 = (0..3).map(|c| self.choice[c] * scattering[c]).sum();
-        [0, 1, 2].map(|c| (self.factors[c] * total[c] / probability) as f32).into()
+        [0, 1, 2].map(|c| (total[c] / probability) as f32).into()
     }
 
     /// Returns the transmittances over the media that scatter, and over all homogeneous media.
@@ -192,18 +100,11 @@ impl FreeFlight {
     }
 }
 
-/// Returns the exponentials of three numbers, which are often the same.
-pub fn exponentials([a, b, c]: [f64; 3]) -> [f64; 3] {
-    let first = a.exp();
-    [first, if b == a { first } else { b.exp() }, if c == a { first } else { c.exp() }]
-}
-
 /// Returns the optical depth of a length, which may be infinite.
 fn optical_depth(sigma: f64, length: f64) -> f64 {
     if sigma == 0.0 { 0.0 } else { sigma * length }
 }
 
-#[cfg(test)]
 mod tests {
     use super::*;
     use crate::medium::Phase;
@@ -218,18 +119,18 @@ mod tests {
     fn a_medium_that_absorbs_is_not_sampled() {
         let absorbing = medium([1.0, 2.0, 0.0], [0.0; 3]);
         for u in [0.0, 0.5, 1f32.next_down()] {
-            let mut flight = FreeFlight::sampled(Rgb::WHITE, Vec2::splat(u), Vec3::ONE, Stream::new([0; 2]));
-            assert_eq!(flight.advance_homogeneous(&absorbing, 0.5), None);
+            let mut flight = FreeFlight::sampled(Rgb::WHITE, Vec2::splat(u), Vec3::ONE);
+            assert_eq!(flight.advance(&absorbing, 0.5), None);
             let passed = flight.passed();
             assert!((passed.r - (-0.5f32).exp()).abs() < 1e-7 && (passed.g - (-1f32).exp()).abs() < 1e-7);
             assert_eq!(passed.b, 1.0);
             // Nothing passes through an infinite length, except where there is nothing.
-            assert_eq!(flight.advance_homogeneous(&absorbing, f64::INFINITY), None);
+            assert_eq!(flight.advance(&absorbing, f64::INFINITY), None);
             assert_eq!(flight.passed(), Rgb::new(0.0, 0.0, 1.0));
         }
         // Nor is any medium, if only the transmittance counts.
-        let mut flight = FreeFlight::unscattered(Stream::new([0; 2]));
-        assert_eq!(flight.advance_homogeneous(&medium([1.0, 2.0, 0.0], [1.0; 3]), 0.5), None);
+        let mut flight = FreeFlight::unscattered();
+        assert_eq!(flight.advance(&medium([1.0, 2.0, 0.0], [1.0; 3]), 0.5), None);
         assert!((flight.passed().g - (-1f32).exp()).abs() < 1e-7 && flight.passed().b == 1.0);
     }
 
@@ -245,14 +146,13 @@ mod tests {
         let mut squares = [0.0f64; 3];
         for i in 0..N {
             let [a, b, _] = pcg3d(i, 17, 3);
-            let mut flight =
-                FreeFlight::sampled(beta, Vec2::new(to_unit(a), to_unit(b)), Vec3::ONE, Stream::new([0; 2]));
+            let mut flight = FreeFlight::sampled(beta, Vec2::new(to_unit(a), to_unit(b)), Vec3::ONE);
             let mut after = beta;
             let legs = [(&media[0], 0.6), (&absorbing, 0.5), (&media[1], 1.2)];
             let mut to = None;
             for (k, (medium, length)) in legs.into_iter().enumerate() {
-                if flight.advance_homogeneous(medium, length).is_some() {
-                    after *= flight.scattered(&Medium::Homogeneous(medium.clone()));
+                if flight.advance(medium, length).is_some() {
+                    after *= flight.scattered(medium);
                     to = Some(k / 2);
                     break;
                 }

@@ -1,6 +1,6 @@
 //! Media with coefficients that depend on the point.
 
-use super::{Phase, Volume};
+use super::{Phase, Stream, Volume};
 use crate::color::Rgb;
 use crate::math::{self, DVec3, Vec3};
 
@@ -8,6 +8,9 @@ use crate::math::{self, DVec3, Vec3};
 const SHARED: usize = 8;
 /// The greatest number of bounds along each axis.
 const MOST_BOUNDS: usize = 128;
+
+/// The greatest transmittance at which a flight that is not sampled may end by Russian roulette.
+const ROULETTE: f64 = 0.1;
 
 /// A medium with coefficients that depend on the point. It is in the box that contains the grid of the extinction and
 /// is aligned with the axes of world space. Outside of it there is vacuum.
@@ -83,6 +86,54 @@ impl Heterogeneous {
     /// Returns whether the medium scatters light in any channel.
     pub fn scatters(&self) -> bool {
         !self.albedo.constant_value().is_some_and(|albedo| albedo.is_black())
+    }
+
+    /// Follows a path with the throughput `beta`. Returns the distance at which the medium scatters it, if it does, and
+    /// the factor of the throughput up to there. If `sampled` is false, only the transmittance counts.
+    ///
+    /// The flight visits points whose density is a bound of the extinction of all channels. At each, it is scattered
+    /// or goes on, with probabilities in proportion to the sum of the channels of the throughput after either. [Kutz
+    /// et al. 2017, spectral tracking] Thus that sum does not grow.
+    pub fn track(
+        &self,
+        segment: &Segment,
+        beta: Rgb,
+        sampled: bool,
+        random: &mut Stream,
+    ) -> (Option<f64>, Rgb) {
+        let samples = sampled && self.scatters();
+        let beta = beta.to_array().map(f64::from);
+        let (mut end, mut factors) = (None, [1.0; 3]);
+        // Two streams, because both closures need numbers.
+        let mut decisions = random.other();
+        self.visit(
+            segment,
+            || random.uniform(),
+            |at| {
+                let null = at.sigma_t.map(|sigma| at.majorant - sigma);
+                let weight = |sigma: &[f64; 3]| (0..3).map(|c| beta[c] * factors[c] * sigma[c]).sum::<f64>();
+                let (scatters, passes) = (if samples { weight(&at.sigma_s) } else { 0.0 }, weight(&null));
+                let probability = if scatters > 0.0 { scatters / (scatters + passes) } else { 0.0 };
+                let ends = probability > 0.0 && decisions.uniform() < probability;
+                let (sigma, probability) =
+                    if ends { (at.sigma_s, probability) } else { (null, 1.0 - probability) };
+                for c in 0..3 {
+                    factors[c] *= sigma[c] / (at.majorant * probability);
+                }
+                if ends {
+                    end = Some(at.distance);
+                    return false;
+                }
+                let largest = factors.iter().copied().fold(0.0, f64::max);
+                if largest < ROULETTE && !samples && largest > 0.0 {
+                    let survival = largest / ROULETTE;
+                    let survives = decisions.uniform() < survival;
+                    factors = factors.map(|f| if survives { f / survival } else { 0.0 });
+                }
+                factors.iter().any(|f| *f > 0.0)
+            },
+        );
+        (end, factors.map(|factor| factor as f32).into())
     }
 
     /// Visits random points of a segment, in order, until `visit` returns false. Their density per unit length is a

@@ -21,13 +21,8 @@ impl Homogeneous {
         !self.sigma_s.is_black()
     }
 
-    /// Returns the mean cosine of the angle of deflection if the phase function is that of Henyey and Greenstein, of
-    /// which isotropic scattering is a case.
+    /// Returns [`Phase::asymmetry`] of the phase function.
     pub fn asymmetry(&self) -> Option<f32> {
-        match self.phase {
-            Phase::Isotropic => Some(0.0),
-            Phase::HenyeyGreenstein { g } => Some(g),
-            Phase::Rayleigh | Phase::Tabulated(_) | Phase::Blend { .. } => None,
-        }
+        self.phase.asymmetry()
     }
 }

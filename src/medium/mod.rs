@@ -3,18 +3,21 @@
 //! Directions of a phase function are directions of propagation: `d` is that of the incident light's path as a camera
 //! ray follows it, `wi` the sampled one. Distances are world-space units, coefficients their inverse.
 
+#[cfg(test)]
 mod free_flight;
 mod heterogeneous;
 mod homogeneous;
+pub mod lanes;
 mod phase;
 mod presets;
+mod stream;
 mod volume;
 
-pub use free_flight::{FreeFlight, Stream, exponentials};
 pub use heterogeneous::{Heterogeneous, Segment};
 pub use homogeneous::Homogeneous;
 pub use phase::{Phase, Tabulated};
 pub use presets::{PRESETS, Preset};
+pub use stream::Stream;
 pub use volume::{Grid, Volume};
 
 use crate::ids::MediumId;
@@ -65,4 +68,10 @@ impl MediumBoundary {
     pub fn is_none(&self) -> bool {
         self.interior.is_none() && self.exterior.is_none()
     }
+}
+
+/// Returns the exponentials of three numbers, which are often the same.
+pub fn exponentials([a, b, c]: [f64; 3]) -> [f64; 3] {
+    let first = a.exp();
+    [first, if b == a { first } else { b.exp() }, if c == a { first } else { c.exp() }]
 }

@@ -86,6 +86,16 @@ impl Tabulated {
 }
 
 impl Phase {
+    /// Returns the mean cosine of the angle of deflection if the function is that of Henyey and Greenstein, of which
+    /// isotropic scattering is a case.
+    pub fn asymmetry(&self) -> Option<f32> {
+        match self {
+            Phase::Isotropic => Some(0.0),
+            Phase::HenyeyGreenstein { g } => Some(*g),
+            Phase::Rayleigh | Phase::Tabulated(_) | Phase::Blend { .. } => None,
+        }
+    }
+
     /// Returns the value for the cosine `cos` of the angle of deflection, sr⁻¹. It is also the density per unit solid
     /// angle of [`sample`](Self::sample).
     pub fn eval(&self, cos: f32) -> f32 {

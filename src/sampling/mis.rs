@@ -23,6 +23,15 @@ pub fn power_heuristic_of_three(pdf: f32, others: [f32; 2]) -> f32 {
     }
 }
 
+/// Computes [`power_heuristic_of_three`] for sixteen samples.
+#[inline(always)]
+pub fn power_heuristic_of_three_x16(pdf: f32x16, others: [f32x16; 2]) -> f32x16 {
+    let [a, b] = others.map(|other| other / pdf);
+    let weight = f32x16::ONE / (f32x16::ONE + a * a + b * b);
+    let infinite = pdf.simd_eq(f32x16::splat(f32::INFINITY));
+    infinite.select(f32x16::ONE, pdf.simd_gt(f32x16::ZERO).select(weight, f32x16::ZERO))
+}
+
 /// Returns the power heuristic for `n` samples drawn with `pdf` and `other_n` with `other`. [Veach 1997, Eq. 9.13]
 #[inline]
 pub fn weighted_power_heuristic(n: f32, pdf: f32, other_n: f32, other: f32) -> f32 {

@@ -6,7 +6,7 @@ use crate::emitter::{BoundingSphere, Emitter, Light, LitRegion};
 use crate::error::{Error, Result};
 use crate::ids::{MediumId, ShapeId};
 use crate::math::{Bounds, Ray, Vec3};
-use crate::medium::{Medium, MediumBoundary};
+use crate::medium::{Medium, MediumBoundary, Phase};
 use crate::memory::Budget;
 use std::collections::BTreeMap;
 
@@ -52,6 +52,12 @@ impl SceneMedia {
     #[inline]
     pub fn get(&self, id: Option<MediumId>) -> Option<&Medium> {
         Some(&self.list[id?.index()])
+    }
+
+    /// Returns the phase function of a medium.
+    #[inline]
+    pub fn phase(&self, id: MediumId) -> &Phase {
+        self.list[id.index()].phase()
     }
 
     /// Returns the reason why the media cannot be rendered, if there is one.
@@ -124,9 +130,14 @@ impl SceneMedia {
     /// Returns the medium on the side of a surface towards which the direction `w` points: `current` if the surface is
     /// not a boundary of media.
     pub fn beside(&self, at: &SurfaceInteraction, w: Vec3, current: Option<MediumId>) -> Option<MediumId> {
-        match self.boundary(at.shape()) {
+        self.on_side(at.shape(), w.dot(at.ng) > 0.0, current)
+    }
+
+    /// Returns the medium on the geometric front or back side of a shape: `current` if it is not a boundary of media.
+    pub fn on_side(&self, shape: ShapeId, front: bool, current: Option<MediumId>) -> Option<MediumId> {
+        match self.boundary(shape) {
             boundary if boundary.is_none() => current,
-            boundary if w.dot(at.ng) > 0.0 => boundary.exterior,
+            boundary if front => boundary.exterior,
             boundary => boundary.interior,
         }
     }

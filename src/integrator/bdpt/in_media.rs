@@ -13,12 +13,11 @@ use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::emitter::ShadowTarget;
 use crate::integrator::Radiance;
-use crate::integrator::flight::{Collision, Departure, Landing, fly, ray_to_emitter, stream, surfaces};
+use crate::integrator::flight::{Collision, Departure, Journeys, ray_to_emitter, stream, surfaces};
 use crate::integrator::roulette::Roulette;
 use crate::integrator::shadows::ShadowQueue;
 use crate::integrator::worker::{Worker, draw_1d, draw_2d};
 use crate::math::{Ray, Vec2, Vec3};
-use crate::medium::FreeFlight;
 use crate::sampling::{Dimension, SampleKey};
 
 /// The vertex of a camera path in a medium.
@@ -45,34 +44,34 @@ impl<'a> CameraPaths<'a> {
         let keys: Vec<SampleKey> = subpaths.iter().map(|path| path.key).collect();
         let last: Vec<Ray> = subpaths.iter().map(|path| path.ray).collect();
         let surfaces = surfaces(self.scene, &last, hits);
-        let end = |i: usize| {
-            let at = surfaces[i].as_ref()?;
-            let whole = if depth == 0 { out[subpaths[i].slot as usize].distance } else { at.hit.t };
-            Some((at, whole))
-        };
-        let mut flights = Default::default();
-        draw_2d(worker.sampler, Dimension::free_flight(depth), &keys, &mut flights);
-        let start = |i: usize| {
-            let Subpath { beta, medium, key, .. } = subpaths[i];
-            let random = stream(key, depth, 0);
-            // Where paths end, scattering in media is loss.
-            let flight = match self.goes_on(depth) {
-                true => FreeFlight::sampled(beta, Vec2::new(flights[0][i], flights[1][i]), rays[i].o, random),
-                false => FreeFlight::unscattered(random),
+        let mut journeys = Journeys::default();
+        for (i, path) in subpaths.iter().enumerate() {
+            // The distance of a surface is that on the whole ray.
+            let t_max = match &surfaces[i] {
+                Some(_) if depth == 0 => out[path.slot as usize].distance,
+                Some(at) => at.hit.t,
+                None => rays[i].t_max,
             };
-            (medium, flight)
-        };
+            let departure = Departure { medium: path.medium, random: stream(path.key, depth, 0) };
+            journeys.push(Ray { t_max, ..rays[i] }, departure, path.beta);
+        }
+        // Where paths end, scattering in media is loss.
+        if self.goes_on(depth) {
+            let mut flights = Default::default();
+            draw_2d(worker.sampler, Dimension::free_flight(depth), &keys, &mut flights);
+            journeys.sample(&flights);
+        }
+        journeys.follow(self.scene, media, (0..rays.len()).collect(), None, |i| surfaces[i], None);
         let mut scattered = Vec::new();
-        let landings = fly(self.scene, media, rays, end, start);
-        for (i, Landing { medium, weight, collision }) in landings.into_iter().enumerate() {
-            let path = &mut subpaths[i];
-            (path.medium, path.beta) = (medium, path.beta * weight);
-            if let Some(Collision { p, t, medium, .. }) = collision {
+        for (i, path) in subpaths.iter_mut().enumerate() {
+            (path.medium, path.beta) = (journeys.medium(i), journeys.beta(i));
+            if let Some(&Collision { p, t, medium, .. }) = journeys.collision(i) {
                 if depth == 0 {
                     out[path.slot as usize].distance = t;
                 }
                 if !path.beta.is_black() {
-                    let point = MediumPoint { p, d: path.ray.d, time: path.ray.time, phase: medium.phase() };
+                    let point =
+                        MediumPoint { p, d: path.ray.d, time: path.ray.time, phase: media.phase(medium) };
                     let partial = self.arrive_at(path, p, t.into(), 1.0, Merged::default());
                     scattered.push(ScatteredPath { path: *path, point, partial });
                 }

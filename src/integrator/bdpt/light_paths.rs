@@ -10,7 +10,7 @@ use crate::bsdf::lanes::{eval_x16, sample_adjoint_x16};
 use crate::color::Rgb;
 use crate::ids::MediumId;
 use crate::integrator::block::ShadingBlock;
-use crate::integrator::flight::{Collision, Landing, fly, medium_after, stream, surfaces};
+use crate::integrator::flight::{Collision, Departure, Journeys, medium_after, stream, surfaces};
 use crate::integrator::light_path::{EmissionNumbers, LightVertex};
 use crate::integrator::photon::EmissionGuide;
 use crate::integrator::roulette::Roulette;
@@ -18,7 +18,7 @@ use crate::integrator::settings::PathLimits;
 use crate::integrator::worker::{RandomNumbers, Worker, draw_1d, draw_2d, intersect};
 use crate::math::lanes::{LANES, bits, f32x16, load};
 use crate::math::{Ray, Vec2, Vec3};
-use crate::medium::{FreeFlight, Medium};
+use crate::medium::Medium;
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SceneMedia};
 use bumpalo::Bump;
@@ -208,26 +208,32 @@ impl<'a> LightPaths<'a> {
         draw_2d(worker.sampler, Dimension::bsdf_direction(edges - 1).repeat(1), &keys, &mut directions);
         draw_1d(worker.sampler, Dimension::roulette(edges - 1).repeat(1), &keys, &mut roulettes);
         let pair = |numbers: &[Vec<f32>; 2], i: usize| Vec2::new(numbers[0][i], numbers[1][i]);
-        let start = |i: usize| {
-            let path = &subpaths[i];
-            let random = stream(of_light_path(path.key), edges, 0);
-            let flight = FreeFlight::sampled(path.power * path.beta, pair(&flights, i), path.ray.o, random);
-            (path.medium, flight)
-        };
         let surfaces = surfaces(scene, &rays, &worker.hits);
-        let end = |i: usize| surfaces[i].as_ref().map(|at| (at, at.hit.t));
-        let landings = fly(scene, media, &rays, end, start);
+        let mut journeys = Journeys::default();
+        for (path, at) in subpaths.iter().zip(&surfaces) {
+            let t_max = at.as_ref().map_or(path.ray.t_max, |at| at.hit.t);
+            let random = stream(of_light_path(path.key), edges, 0);
+            let departure = Departure { medium: path.medium, random };
+            journeys.push(Ray { t_max, ..path.ray }, departure, path.power * path.beta);
+        }
+        journeys.sample(&flights);
+        journeys.follow(scene, media, (0..rays.len()).collect(), None, |i| surfaces[i], None);
         let roulette = Roulette::at(edges, 1);
-        for (i, Landing { medium, weight, collision }) in landings.into_iter().enumerate() {
-            let path = &mut subpaths[i];
-            (path.medium, path.beta) = (medium, path.beta * weight);
-            if collision.is_some() || path.beta.is_black() {
+        for (i, path) in subpaths.iter_mut().enumerate() {
+            // A channel without power stays black.
+            let weight = |to: f32, from: f32| if from > 0.0 { to / from } else { 0.0 };
+            let (to, from) = (journeys.beta(i).to_array(), (path.power * path.beta).to_array());
+            let weights = [0, 1, 2].map(|c| weight(to[c], from[c]));
+            (path.medium, path.beta) = (journeys.medium(i), path.beta * Rgb::from(weights));
+            if journeys.collision(i).is_some() || path.beta.is_black() {
                 worker.hits[i] = None;
             }
-            let Some(Collision { p, t, medium, .. }) = collision.filter(|_| !path.beta.is_black()) else {
+            let Some(&Collision { p, t, medium, .. }) =
+                journeys.collision(i).filter(|_| !path.beta.is_black())
+            else {
                 continue;
             };
-            let point = MediumPoint { p, d: path.ray.d, time: path.ray.time, phase: medium.phase() };
+            let point = MediumPoint { p, d: path.ray.d, time: path.ray.time, phase: media.phase(medium) };
             let partial = path.arrive(scene, settings.merged, p, f64::from(t), 1.0);
             self.keep(path, Vertex::Medium(point), partial, edges);
             if !settings.allows(edges + 1) {

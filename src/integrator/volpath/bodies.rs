@@ -3,31 +3,26 @@
 //! Light gets into such media by being scattered at their boundaries only ([`SceneMedia::fill_bodies`]), so emitter
 //! samples inside would find none. Between two bounces of the wave, a path is scattered in a body until it meets a
 //! surface. The light that its ray finds there has the weight 1.
-//!
-//! Flights have the distances and weights of [`FreeFlight`](crate::medium::FreeFlight).
 
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
+use crate::ids::MediumId;
 use crate::integrator::flight::before_end;
 use crate::integrator::lighting::{TechniqueCounts, emitted_at};
 use crate::integrator::path::between::{Between, Sides};
 use crate::integrator::roulette::play_each_x16;
 use crate::integrator::worker::{InMedia, PathWave, draw_2d, intersect};
 use crate::integrator::{PathLimits, Radiance, Worker};
-use crate::math::functions::{exp_x16, ln_x16};
 use crate::math::lanes::{LANES, bits, each_lane, f32x16, load, mask_from_bits};
-use crate::math::{FrameX16, Ray, RayX16, Vec3x16};
-use crate::medium::Medium;
+use crate::math::{Ray, RayX16};
+use crate::medium::lanes::{CoefficientsX16, PhaseX16, chosen_channel, optical_depths};
+use crate::medium::{Homogeneous, Medium, Phase};
 use crate::sampling::hash::{combine, digits_below, lower_digits_x16, pcg3d, to_unit};
-use crate::sampling::warp::sin_cos_turn_x16;
 use crate::sampling::{Dimension, SampleKey};
 use crate::scene::{Scene, SceneMedia};
-use std::f32::consts::TAU;
 
 /// Selects the random numbers of events in bodies.
 const EVENTS: u32 = 0x626f_6479;
-/// The optical depth beyond which nothing is transmitted.
-const OPAQUE: f32 = 87.0;
 /// Rounding moves the points of rays by much less than this part of their coordinates and distances, unless a surface
 /// is a thousand times as large.
 const CLOSE: f32 = 1e-4;
@@ -67,16 +62,6 @@ struct Block {
     path: [usize; LANES],
     in_media: [InMedia; LANES],
     beta: [f32x16; 3],
-}
-
-/// The coefficients of the media of sixteen paths.
-struct Coefficients {
-    sigma_t: [f32x16; 3],
-    sigma_s: [f32x16; 3],
-    /// The mean cosine of deflection.
-    g: f32x16,
-    /// Whether the extinction is the same in all channels.
-    grey: bool,
 }
 
 impl Walkers {
@@ -126,25 +111,21 @@ impl<'a> Bodies<'a> {
         }
     }
 
-    fn coefficients(&self, in_media: &[InMedia; LANES]) -> Coefficients {
-        let mut table = [[0.0; LANES]; 7];
-        for (i, InMedia { medium, .. }) in in_media.iter().enumerate() {
-            let Some(Medium::Homogeneous(medium)) = self.media.get(*medium) else { continue };
-            let ([a, b, c], [d, e, f]) = (medium.sigma_t.to_array(), medium.sigma_s.to_array());
-            for (row, value) in table.iter_mut().zip([a, b, c, d, e, f, medium.asymmetry().unwrap_or(0.0)]) {
-                row[i] = value;
-            }
+    fn coefficients(&self, in_media: &[InMedia; LANES]) -> CoefficientsX16 {
+        CoefficientsX16::of(&in_media.map(|InMedia { medium, .. }| self.homogeneous(medium)))
+    }
+
+    fn homogeneous(&self, medium: Option<MediumId>) -> Option<&Homogeneous> {
+        match self.media.get(medium) {
+            Some(Medium::Homogeneous(medium)) => Some(medium),
+            _ => None,
         }
-        let grey = table[0] == table[1] && table[1] == table[2];
-        let [a, b, c, d, e, f, g] = table.map(f32x16::new);
-        Coefficients { sigma_t: [a, b, c], sigma_s: [d, e, f], g, grey }
     }
 
     /// Returns a mask of the paths whose flights are sampled. Where nothing scatters, or where paths end, only the
     /// transmittance counts.
-    fn sampled(&self, coefficients: &Coefficients, depth: u32, in_media: &[InMedia; LANES]) -> f32x16 {
-        let [r, g, b] = coefficients.sigma_s.map(|sigma| sigma.simd_gt(f32x16::ZERO));
-        let mut scatters = r | g | b;
+    fn sampled(&self, coefficients: &CoefficientsX16, depth: u32, in_media: &[InMedia; LANES]) -> f32x16 {
+        let mut scatters = coefficients.scatter();
         if self.limits.max_depth.is_some() {
             let allowed = each_lane(|i| u32::from(self.scatters(depth, in_media[i].events)) << i);
             scatters &= mask_from_bits(allowed.into_iter().sum());
@@ -160,7 +141,8 @@ impl<'a> Bodies<'a> {
         let depths = optical_depths(u, lower_digits_x16(u, rays.o));
         let coefficients = self.coefficients(&in_media);
         let sampled = self.sampled(&coefficients, depth, &in_media);
-        let ends = coefficients.ends(&beta, channel, depths, sampled) / rays.d.length_squared().sqrt();
+        let ends = coefficients.ends(chosen_channel(&beta, channel), depths, sampled)
+            / rays.d.length_squared().sqrt();
         walkers.ends[first..first + count].copy_from_slice(&ends.as_array()[..count]);
     }
 
@@ -184,7 +166,8 @@ impl<'a> Bodies<'a> {
         let coefficients = self.coefficients(&in_media);
         let sampled = self.sampled(&coefficients, depth, &in_media);
         let scattered = end.simd_lt(surface);
-        let beta = coefficients.transport(beta, end.fast_min(surface) * speed, sampled, scattered);
+        let [weights, _] = coefficients.transport(&beta, end.fast_min(surface) * speed, sampled, scattered);
+        let beta = std::array::from_fn(|c| beta[c] * weights[c]);
         let scattered = scattered.to_bitmask() & active;
         for i in bits(active & !scattered) {
             (0..3).for_each(|c| paths.beta[c][path[i]] = beta[c].as_array()[i]);
@@ -211,7 +194,10 @@ impl<'a> Bodies<'a> {
         if is_first {
             [x, y] = [0, 1].map(|k| load(&walkers.first[1][k], first));
         }
-        let d = deflected(rays.d / speed, coefficients.g, [x, y]);
+        let phases = in_media.map(|InMedia { medium, .. }| {
+            self.homogeneous(medium).map_or(&Phase::Isotropic, |medium| &medium.phase)
+        });
+        let d = PhaseX16::of(&phases).sample(rays.d / speed, [x, y]);
         in_media.iter_mut().for_each(|in_media| in_media.events += 1);
         let edges = f32x16::new(in_media.map(|in_media| depth.saturating_add(in_media.events) as f32));
         let eta = f32x16::new(each_lane(|i| paths.eta[path[i]]));
@@ -231,7 +217,8 @@ impl<'a> Bodies<'a> {
         let u = units(u);
         let lower = f32x16::new(each_lane(|i| digits_below(u.as_array()[i], digits[i])));
         let sampled = self.sampled(&coefficients, depth, &in_media);
-        let ends = coefficients.ends(&beta, units(channel), optical_depths(u, lower), sampled);
+        let ends =
+            coefficients.ends(chosen_channel(&beta, units(channel)), optical_depths(u, lower), sampled);
         for i in bits(alive) {
             let end = ends.as_array()[i];
             // Twice the distance leaves room for rounding.
@@ -294,55 +281,6 @@ impl<'a> Between<'a> for Bodies<'a> {
     fn rejoin(&mut self, _: &mut PathWave) {}
 }
 
-impl Coefficients {
-    /// Returns the distances at which flights end: at optical depths in channels that are chosen in proportion to the
-    /// throughput. Flights that are not sampled have no end.
-    #[inline(always)]
-    fn ends(&self, beta: &[f32x16; 3], channel: f32x16, depths: f32x16, sampled: f32x16) -> f32x16 {
-        let x = channel * (beta[0] + beta[1] + beta[2]);
-        let first = x.simd_lt(beta[0]);
-        let third = !x.simd_lt(beta[0] + beta[1]) & beta[2].simd_gt(f32x16::ZERO);
-        // Rounding must not choose a channel without throughput.
-        let second = !third & beta[1].simd_gt(f32x16::ZERO);
-        let [r, g, b] = self.sigma_t;
-        let sigma = first.select(r, third.select(b, second.select(g, r)));
-        sampled.select(depths / sigma, f32x16::splat(f32::INFINITY))
-    }
-
-    /// Returns the throughputs after flights over `lengths`, which media ended by scattering in the lanes of the mask
-    /// `scattered`.
-    #[inline(always)]
-    fn transport(
-        &self,
-        beta: [f32x16; 3],
-        lengths: f32x16,
-        sampled: f32x16,
-        scattered: f32x16,
-    ) -> [f32x16; 3] {
-        let zero = f32x16::ZERO;
-        // Where there is no extinction, the length may be infinite.
-        let depths = self
-            .sigma_t
-            .map(|sigma| sigma.simd_gt(zero).select(sigma * lengths, zero).fast_min(f32x16::splat(f32::MAX)));
-        let least = depths[0].fast_min(depths[1]).fast_min(depths[2]);
-        // The transmittances relative to that of the clearest channel.
-        let relative = match self.grey {
-            true => [f32x16::ONE; 3],
-            false => depths.map(|depth| exp_x16(least - depth)),
-        };
-        let weight: [f32x16; 3] =
-            std::array::from_fn(|c| scattered.select(self.sigma_s[c], f32x16::ONE) * relative[c]);
-        let density = |c: usize| beta[c] * scattered.select(self.sigma_t[c], f32x16::ONE) * relative[c];
-        let sum = beta[0] + beta[1] + beta[2];
-        let mut factor = sum / (density(0) + density(1) + density(2));
-        if !sampled.all() {
-            let transmittance = least.simd_lt(f32x16::splat(OPAQUE)).select(exp_x16(-least), zero);
-            factor = sampled.select(factor, transmittance);
-        }
-        std::array::from_fn(|c| beta[c] * weight[c] * factor)
-    }
-}
-
 /// Returns three hashes for the event of each of sixteen paths; there are two sets.
 #[inline(always)]
 fn numbers(keys: &[SampleKey; LANES], in_media: &[InMedia; LANES], set: u32) -> [[u32; LANES]; 3] {
@@ -358,121 +296,4 @@ fn numbers(keys: &[SampleKey; LANES], in_media: &[InMedia; LANES], set: u32) -> 
 #[inline(always)]
 fn units(hashes: [u32; LANES]) -> f32x16 {
     f32x16::new(hashes.map(to_unit))
-}
-
-/// Returns −ln x for the random numbers x = u + lower, with a relative error below 10⁻⁶.
-#[inline(always)]
-fn optical_depths(u: f32x16, lower: f32x16) -> f32x16 {
-    let one = f32x16::ONE;
-    let upper = u.simd_ge(f32x16::HALF);
-    let rest = (one - u) - lower;
-    // Half of the least step makes the number positive.
-    let x = upper.select(one - rest, u + (lower + f32x16::splat(2f32.powi(-58))));
-    let logarithm = -ln_x16(x);
-    // Near 1, the logarithm of the rounded number is corrected.
-    let rounded = one - x;
-    let corrected = rounded.simd_eq(f32x16::ZERO).select(rest, logarithm * (rest / rounded));
-    upper.select(corrected, logarithm)
-}
-
-/// Returns directions after scattering with the mean cosines `g` by the function of [Henyey and Greenstein 1941].
-///
-/// For the random number u, 1 − cos = 2 (1 − g)² (1 − u) (1 + gu) / s² and 1 + cos = 2 (1 + g)² u (1 − g (1 − u)) / s²
-/// with s = 1 − g + 2gu. All sums are written such that nothing cancels.
-#[inline(always)]
-fn deflected(d: Vec3x16, g: f32x16, [u, azimuth]: [f32x16; 2]) -> Vec3x16 {
-    let (one, two) = (f32x16::ONE, f32x16::splat(2.0));
-    let rest = one - u;
-    let forward = g.simd_gt(f32x16::ZERO);
-    let s = forward.select(one - g + two * g * u, one + g - two * g * rest);
-    let (back, ahead) = ((one - g) / s, (one + g) / s);
-    let versine = two * back * back * rest * forward.select(one + g * u, one + g - g * rest);
-    let coversine = two * ahead * ahead * u * forward.select(one - g + g * u, one - g * rest);
-    let cos = versine.simd_lt(one).select(one - versine, coversine - one);
-    let sin = (versine * coversine).fast_max(f32x16::ZERO).sqrt();
-    let (sin_phi, cos_phi) = sin_cos_turn_x16(f32x16::splat(TAU) * azimuth);
-    FrameX16::from_normal(d).to_world(Vec3x16::new(sin * cos_phi, sin * sin_phi, cos)).normalize_or_zero()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::{Vec2, Vec3};
-    use crate::medium::{FreeFlight, Homogeneous, Phase, Segment, Stream};
-
-    /// The logarithm is exact for numbers that are close to 0 and to 1, and digits below those of the number count.
-    #[test]
-    fn optical_depths_are_logarithms() {
-        let step = 2f32.powi(-24);
-        for u in
-            [0.0, 2f32.powi(-32), 1e-6, 0.004, 0.3, 0.5 - step, 0.5, 0.7, 0.999, 1.0 - 3.0 * step, 1.0 - step]
-        {
-            for digits in [0, 1 << 31, u32::MAX] {
-                let lower = digits_below(u, digits);
-                let found = optical_depths(f32x16::splat(u), f32x16::splat(lower)).as_array()[5];
-                let x = f64::from(u) + f64::from(lower) + 2f64.powi(-58);
-                let exact = if x > 0.5 { -(x - 1.0).ln_1p() } else { -x.ln() };
-                assert!((f64::from(found) / exact - 1.0).abs() < 1e-6, "{u} {lower}: {found}, {exact}");
-            }
-        }
-    }
-
-    /// The directions are those of the scalar phase functions.
-    #[test]
-    fn deflections_are_those_of_the_phase_function() {
-        let d = Vec3::new(0.3, -0.7, 0.2).normalize();
-        for g in [-0.999f32, -0.6, 0.0, 1e-6, 0.3, 0.9, 0.9999] {
-            for (u, v) in [(0.0, 0.3), (1e-4, 0.9), (0.2, 0.1), (0.5, 0.6), (0.97, 0.4), (1.0 - 1e-6, 0.8)] {
-                let numbers = [u, v].map(f32x16::splat);
-                let found = deflected(Vec3x16::splat(d), f32x16::splat(g), numbers).lane(3);
-                let exact = Phase::HenyeyGreenstein { g }.sample(d, Vec2::new(u, v));
-                assert!((found - exact).length() < 1e-5, "{g} {u} {v}: {found}, {exact}");
-            }
-        }
-    }
-
-    /// Ends of flights and throughputs are those of [`FreeFlight`], within 10⁻⁵.
-    #[test]
-    fn flights_are_those_of_one_path() {
-        let media =
-            [([1.0, 0.3, 4.0], [0.9, 0.3, 2.0]), ([2.0; 3], [1.0; 3]), ([0.0, 2.0, 0.5], [0.0, 2.0, 0.0])];
-        for (sigma_t, sigma_s) in media {
-            let homogeneous =
-                Homogeneous { sigma_t: sigma_t.into(), sigma_s: sigma_s.into(), phase: Phase::Isotropic };
-            let medium = Medium::Homogeneous(homogeneous);
-            let coefficients = Coefficients {
-                sigma_t: sigma_t.map(f32x16::splat),
-                sigma_s: sigma_s.map(f32x16::splat),
-                g: f32x16::ZERO,
-                grey: sigma_t == [2.0; 3],
-            };
-            let all = mask_from_bits(0xffff);
-            for i in 0..400 {
-                let [a, b, c] = pcg3d(i, 5, 7).map(to_unit);
-                let beta = Rgb::new(0.7, 0.2, if i % 2 == 0 { 0.05 } else { 0.0 });
-                let lanes = beta.to_array().map(f32x16::splat);
-                let depth = optical_depths(f32x16::splat(b), f32x16::ZERO);
-                let end = coefficients.ends(&lanes, f32x16::splat(a), depth, all).as_array()[0];
-                let at = Vec3::ONE;
-                let mut flight = FreeFlight::sampled(beta, Vec2::new(a, b), at, Stream::new([0; 2]));
-                let length = 3.0 * c;
-                let segment = Segment { origin: at, direction: Vec3::X, length: length.into() };
-                let ended = flight.advance(&medium, &segment);
-                // Where the digits below those of the number decide, both are right.
-                if (end / length - 1.0).abs() < 1e-4 {
-                    continue;
-                }
-                assert_eq!(ended.is_some(), end < length, "{i}: {ended:?}, {end}");
-                assert!(ended.is_none_or(|exact| (f64::from(end) / exact - 1.0).abs() < 1e-4), "{i}: {end}");
-                let weight = if ended.is_some() { flight.scattered(&medium) } else { flight.passed() };
-                let scattered = if ended.is_some() { all } else { f32x16::ZERO };
-                let travelled = f32x16::splat(end.min(length));
-                let found = coefficients.transport(lanes, travelled, all, scattered);
-                for (found, exact) in found.iter().zip((beta * weight).to_array()) {
-                    let found = found.as_array()[0];
-                    assert!((found - exact).abs() <= 1e-4 * exact + 1e-7, "{i}: {found}, expected {exact}");
-                }
-            }
-        }
-    }
 }

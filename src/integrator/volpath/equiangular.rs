@@ -7,27 +7,31 @@
 //! find the same light: this one, the flight with an emitter sample, and the flight with a direction that hits the
 //! emitter.
 
-use crate::color::Rgb;
 use crate::emitter::{LightSelection, LitRegion};
-use crate::math::{DVec3, Vec3};
-use crate::medium::{FreeFlight, Homogeneous, Segment, exponentials};
-use crate::sampling::hash::lower_digits;
+use crate::integrator::flight::Entries;
+use crate::math::Vec3;
+use crate::math::functions::{angle_x16, exp_x16};
+use crate::math::lanes::{LANES, Vec3x16, f32x16, mask_from_bits};
+use crate::medium::exponentials;
+use crate::sampling::hash::lower_digits_x16;
+use crate::sampling::warp::sin_cos_turn_x16;
 
 /// The greatest optical distance of an emitter from the ray, and of the nearest point on the ray from its start. Beyond
 /// them, flights end where the light is as often.
-const FARTHEST: [f64; 2] = [1.0, 4.0];
+const FARTHEST: [f32; 2] = [1.0, 4.0];
 
 /// The part of a ray in the first medium that scatters, if that is homogeneous.
 #[derive(Clone, Copy, Debug)]
 pub struct Leg {
-    origin: DVec3,
-    direction: DVec3,
-    length: f64,
-    /// The extinction coefficients, and the probabilities with which a flight is sampled by them.
-    sigma_t: [f64; 3],
-    choice: [f64; 3],
+    origin: Vec3,
+    direction: Vec3,
+    length: f32,
+    /// The extinction coefficients, and what the probabilities are in proportion to with which a flight is sampled by
+    /// them.
+    sigma_t: [f32; 3],
+    choice: [f32; 3],
     /// An emitter, and its angles.
-    found: Option<(usize, Option<Angles>)>,
+    found: (usize, Option<Angles>),
 }
 
 /// The point of a leg at which a flight ended.
@@ -36,94 +40,203 @@ pub struct LegPoint {
     /// The leg.
     pub leg: Leg,
     /// The distance of the point from its start.
-    pub distance: f64,
+    pub distance: f32,
 }
 
-impl Leg {
-    /// Returns the part of a ray on which `flight` begins to be sampled.
-    pub fn new(medium: &Homogeneous, segment: &Segment, flight: &FreeFlight) -> Self {
-        Leg {
-            origin: segment.origin.as_dvec3(),
-            direction: segment.direction.as_dvec3(),
-            length: segment.length,
-            sigma_t: medium.sigma_t.to_array().map(f64::from),
-            choice: flight.choice(),
-            found: None,
+/// The parts of sixteen rays in the first media that scatter.
+pub struct LegsX16 {
+    origin: Vec3x16,
+    direction: Vec3x16,
+    length: f32x16,
+    sigma_t: [f32x16; 3],
+    choice: [f32x16; 3],
+    /// The extinction of the channel that reaches farthest.
+    clearest: f32x16,
+}
+
+/// What emitters light, in sixteen lanes.
+#[derive(Default)]
+pub struct RegionsX16 {
+    center: Vec3x16,
+    radius: [f32; LANES],
+    axis: Vec3x16,
+    cosine: [f32; LANES],
+    /// Masks of the emitters that are not at infinity, and of those that light a cone only.
+    near: u32,
+    cones: u32,
+}
+
+impl RegionsX16 {
+    /// Sets what the emitter of a lane lights.
+    pub fn set_lane(&mut self, i: usize, region: &LitRegion) {
+        self.center.set_lane(i, region.sphere.center);
+        self.radius[i] = region.sphere.radius;
+        self.near |= 1 << i;
+        if let Some((axis, cosine)) = region.cone {
+            self.axis.set_lane(i, axis.as_vec3());
+            self.cosine[i] = cosine as f32;
+            self.cones |= 1 << i;
+        }
+    }
+}
+
+impl LegsX16 {
+    /// Returns the parts of rays on which flights begin to be sampled.
+    pub fn new(entries: &Entries<'_>) -> Self {
+        let sigma_t = entries.coefficients.sigma_t;
+        LegsX16 {
+            origin: entries.rays.o,
+            direction: entries.directions,
+            length: entries.lengths,
+            sigma_t,
+            choice: entries.flight.choice,
+            clearest: sigma_t[0].fast_min(sigma_t[1]).fast_min(sigma_t[2]),
         }
     }
 
+    /// Returns points for the choice among the emitters: where flights are likely to end.
+    pub fn reference(&self) -> Vec3x16 {
+        let [r, g, b] = self.sigma_t;
+        let likely = f32x16::ONE / r.fast_max(g).fast_max(b);
+        self.at(self.length.fast_min(likely) * f32x16::HALF)
+    }
+
+    /// Returns the points at distances from the starts.
+    pub fn at(&self, distance: f32x16) -> Vec3x16 {
+        self.origin + self.direction * distance
+    }
+
+    /// Returns the transmittances from the starts to distances.
+    pub fn transmittance(&self, distance: f32x16) -> [f32x16; 3] {
+        let [r, g, b] = self.sigma_t;
+        let first = exp_x16(-(r * distance));
+        let of = |sigma: f32x16| if sigma == r { first } else { exp_x16(-(sigma * distance)) };
+        [first, of(g), of(b)]
+    }
+
+    /// Returns the densities per unit length with which flights end at distances, given the transmittances up to there.
+    pub fn flight_density(&self, transmittance: &[f32x16; 3]) -> f32x16 {
+        let [r, g, b] = self.choice;
+        let of = |c: usize| self.choice[c] * self.sigma_t[c] * transmittance[c];
+        (of(0) + of(1) + of(2)) / (r + g + b)
+    }
+
+    /// Returns distances of points for emitters.
+    ///
+    /// From the start, where the tangent of the angle is a, an angle φ further is the distance
+    /// apart·sin φ (1 + a²)/(cos φ − a sin φ): nothing cancels. The further half of the angles is measured from the
+    /// end, if that is not farther from the nearest point than the start.
+    pub fn sample(&self, angles: &AnglesX16, u: f32x16) -> f32x16 {
+        let AnglesX16 { apart, nearest, angle, within: [start, end], .. } = *angles;
+        let one = f32x16::ONE;
+        let lower = lower_digits_x16(u, self.origin);
+        let from_end = u.simd_ge(f32x16::HALF) & (end - nearest).simd_le((start - nearest).abs());
+        let part = from_end.select((one - u) - lower, u + lower);
+        let (sin, cos) = sin_cos_turn_x16(part * angle);
+        let a = from_end.select(nearest - end, start - nearest) / apart;
+        let way = apart * sin * (one + a * a) / (cos - a * sin);
+        // Rounding may move the end beyond all distances.
+        let way = (cos - a * sin).simd_gt(f32x16::ZERO).select(way, f32x16::splat(f32::MAX));
+        from_end.select(end - way, start + way).fast_max(start).fast_min(end)
+    }
+
+    /// Returns the angles from emitters to the points of the legs that they may light.
+    pub fn angles(&self, regions: &RegionsX16) -> AnglesX16 {
+        let (zero, one) = (f32x16::ZERO, f32x16::ONE);
+        let largest = |v: Vec3x16| {
+            let v = v.abs();
+            v.x.fast_max(v.y).fast_max(v.z)
+        };
+        let to_center = regions.center - self.origin;
+        let nearest = to_center.dot(self.direction);
+        // The points of an emitter are as far apart as its radius. Rounding moves them, too.
+        let rounding =
+            f32x16::splat(2.0 * f32::EPSILON) * largest(regions.center).fast_max(largest(to_center));
+        let radius = f32x16::new(regions.radius).fast_max(rounding);
+        let foot = self.direction * nearest - to_center;
+        let apart = (foot.length_squared() + radius * radius).sqrt();
+        let on_leg = nearest.fast_max(zero).fast_min(self.length);
+        let least = (apart * apart + (nearest - on_leg) * (nearest - on_leg)).sqrt();
+        let [across, along] = FARTHEST.map(f32x16::splat);
+        let mut some = mask_from_bits(regions.near)
+            & (self.clearest * least).simd_lt(across)
+            & (self.clearest * on_leg).simd_lt(along)
+            & apart.simd_gt(zero);
+        let [mut start, mut end] = [zero, self.length];
+        let cones = mask_from_bits(regions.cones);
+        if (cones & some).any() {
+            let cosine = f32x16::new(regions.cosine);
+            let (lit, [least, greatest]) =
+                lit_tangents_x16((regions.axis, cosine), self.direction, foot / apart);
+            some &= lit | !cones;
+            start = cones.select((nearest + apart * least).fast_max(start), start);
+            end = cones.select((nearest + apart * greatest).fast_min(end), end);
+        }
+        some &= start.simd_lt(end);
+        let (a, b) = ((start - nearest) / apart, (end - nearest) / apart);
+        // The squares of greater tangents may be infinite.
+        let finite = b.simd_lt(f32x16::splat(1e15));
+        let sin = finite.select((end - start) / apart, one);
+        let cos = finite.select(one + a * b, a);
+        let angle = angle_x16(some.select(sin, one), some.select(cos, zero));
+        some &= angle.simd_gt(zero);
+        AnglesX16 { some, nearest, apart, angle, within: [start, end] }
+    }
+
+    /// Returns the leg of a lane, with the angles of an emitter.
+    pub fn lane(&self, i: usize, emitter: usize, angles: &AnglesX16) -> Leg {
+        let of = |value: f32x16| value.as_array()[i];
+        Leg {
+            origin: self.origin.lane(i),
+            direction: self.direction.lane(i),
+            length: of(self.length),
+            sigma_t: self.sigma_t.map(of),
+            choice: self.choice.map(of),
+            found: (emitter, (angles.some.to_bitmask() >> i & 1 == 1).then(|| angles.lane(i))),
+        }
+    }
+}
+
+impl Leg {
     /// Returns a point for the choice among the emitters: where a flight is likely to end.
-    pub fn reference(&self) -> Vec3 {
-        let largest = self.sigma_t.into_iter().fold(0.0, f64::max);
-        self.at(self.length.min(1.0 / largest) * 0.5)
-    }
-
-    /// Returns the point at a distance from the start.
-    pub fn at(&self, distance: f64) -> Vec3 {
-        (self.origin + self.direction * distance).as_vec3()
-    }
-
-    /// Returns the transmittance from the start to a distance.
-    pub fn transmittance(&self, distance: f64) -> Rgb {
-        exponentials(self.sigma_t.map(|sigma| -sigma * distance)).map(|t| t as f32).into()
+    fn reference(&self) -> Vec3 {
+        let largest = self.sigma_t.into_iter().fold(0.0, f32::max);
+        self.origin + self.direction * (self.length.min(1.0 / largest) * 0.5)
     }
 
     /// Returns the density per unit length with which flights end at a distance.
-    pub fn flight_density(&self, distance: f64) -> f64 {
-        let transmittance = exponentials(self.sigma_t.map(|sigma| -sigma * distance));
-        (0..3).map(|c| self.choice[c] * self.sigma_t[c] * transmittance[c]).sum()
+    fn flight_density(&self, distance: f32) -> f64 {
+        let transmittance = exponentials(self.sigma_t.map(|sigma| f64::from(-sigma * distance)));
+        let sum: f64 = self.choice.iter().copied().map(f64::from).sum();
+        let of = |c: usize| f64::from(self.choice[c] * self.sigma_t[c]) * transmittance[c];
+        (of(0) + of(1) + of(2)) / sum
     }
 
     /// Returns the density per unit length of points for an emitter at a distance; 0 if it has none.
-    pub fn density(&self, emitter: usize, region: &LitRegion, distance: f64) -> f64 {
+    fn density(&self, emitter: usize, region: &LitRegion, distance: f32) -> f32 {
         let angles = match self.found {
-            Some((found, angles)) if found == emitter => angles,
+            (found, angles) if found == emitter => angles,
             _ => self.angles(region),
         };
         angles.map_or(0.0, |angles| angles.density(distance))
     }
 
-    /// Returns the distance of a point for an emitter, and its density per unit length; `None` if the emitter has none.
-    pub fn sample(&mut self, emitter: usize, region: &LitRegion, u: f32) -> Option<(f64, f64)> {
-        let angles = self.angles(region);
-        self.found = Some((emitter, angles));
-        let angles = angles?;
-        let u = f64::from(u) + f64::from(lower_digits(u, self.origin.as_vec3()));
-        let angle = angles.first + u * (angles.last - angles.first);
-        let distance =
-            (angles.nearest + angles.apart * angle.tan()).clamp(angles.within[0], angles.within[1]);
-        Some((distance, angles.density(distance)))
-    }
-
-    /// The extinction coefficient of the channel that reaches farthest.
-    fn sigma(&self) -> f64 {
-        self.sigma_t.into_iter().fold(f64::INFINITY, f64::min)
-    }
-
+    /// Returns the angles from an emitter to the points of the leg that it may light.
     fn angles(&self, region: &LitRegion) -> Option<Angles> {
-        let emitter = &region.sphere;
-        let to_center = emitter.center.as_dvec3() - self.origin;
-        let nearest = to_center.dot(self.direction);
-        // The points of an emitter are as far apart as its radius. Rounding moves them, too.
-        let rounding = f64::from(f32::EPSILON) * emitter.center.as_dvec3().length().max(to_center.length());
-        let radius = f64::from(emitter.radius).max(rounding);
-        let apart = ((to_center - self.direction * nearest).length_squared() + radius * radius).sqrt();
-        let on_leg = nearest.clamp(0.0, self.length);
-        let least = (apart * apart + (nearest - on_leg) * (nearest - on_leg)).sqrt();
-        let is_near = self.sigma() * least < FARTHEST[0] && self.sigma() * on_leg < FARTHEST[1];
-        if !(is_near && apart > 0.0) {
-            return None;
-        }
-        let [mut start, mut end] = [0.0, self.length];
-        if let Some(cone) = region.cone {
-            let [least, greatest] =
-                lit_tangents(cone, self.direction, (self.direction * nearest - to_center) / apart)?;
-            start = (nearest + apart * least).max(start);
-            end = (nearest + apart * greatest).min(end);
-        }
-        let angle = |distance: f64| ((distance - nearest) / apart).atan();
-        let (first, last) = (angle(start), angle(end));
-        (start <= end && first < last).then_some(Angles { nearest, apart, first, last, within: [start, end] })
+        let mut regions = RegionsX16::default();
+        regions.set_lane(0, region);
+        let splat = Vec3x16::splat;
+        let sigma_t = self.sigma_t.map(f32x16::splat);
+        let legs = LegsX16 {
+            origin: splat(self.origin),
+            direction: splat(self.direction),
+            length: f32x16::splat(self.length),
+            sigma_t,
+            choice: self.choice.map(f32x16::splat),
+            clearest: sigma_t[0].fast_min(sigma_t[1]).fast_min(sigma_t[2]),
+        };
+        let angles = legs.angles(&regions);
+        (angles.some.to_bitmask() & 1 == 1).then(|| angles.lane(0))
     }
 }
 
@@ -142,55 +255,81 @@ impl LegPoint {
         if density == 0.0 || pmf <= 0.0 {
             return 0.0;
         }
-        let own = f64::from(selection.pmf(emitter, self.leg.reference())) * density;
+        let own = f64::from(selection.pmf(emitter, self.leg.reference())) * f64::from(density);
         (own / (f64::from(pmf) * self.leg.flight_density(self.distance))) as f32
     }
 }
 
-/// Returns the bounds of the tangents of the angles at which a line in the direction `d` is in a cone, seen from its
-/// apex. Angles are from the perpendicular `foot` to the line, whose length is at most 1: it is the unit of distances.
-fn lit_tangents((axis, cosine): (DVec3, f64), d: DVec3, foot: DVec3) -> Option<[f64; 2]> {
+/// Returns the bounds of the tangents of the angles at which lines in the directions `d` are in cones, seen from their
+/// apexes, and a mask of the lines that are in them somewhere. Angles are from the perpendiculars `foot` to the lines,
+/// whose lengths are at most 1: they are the units of distances.
+fn lit_tangents_x16((axis, cosine): (Vec3x16, f32x16), d: Vec3x16, foot: Vec3x16) -> (f32x16, [f32x16; 2]) {
+    let zero = f32x16::ZERO;
     // At the angle φ, the cosine of the angle to the axis is along·cos φ + across·sin φ = r·cos (φ − middle).
     let (along, across) = (axis.dot(foot), axis.dot(d));
     let r = (along * along + across * across).sqrt();
-    if r <= cosine {
-        return None;
-    }
     let (cos, sin) = (along / r, across / r);
     let half_cos = cosine / r;
-    let half_sin = (1.0 - half_cos * half_cos).max(0.0).sqrt();
+    let half_sin = (f32x16::ONE - half_cos * half_cos).fast_max(zero).sqrt();
     let least = [cos * half_cos + sin * half_sin, sin * half_cos - cos * half_sin];
     let greatest = [cos * half_cos - sin * half_sin, sin * half_cos + cos * half_sin];
     // A border with a cosine that is not positive is beyond an end of the line. The cone then contains the end that is
     // on the side of the middle. A line at right angles to the axis is lit as a whole, or nowhere.
-    let reaches = |beyond: f64| if across == 0.0 { along > 0.0 } else { across * beyond > 0.0 };
-    let tangent = |[cos, sin]: [f64; 2], beyond: f64| match cos > 0.0 {
-        true => Some(sin / cos),
-        false => reaches(beyond).then_some(beyond),
+    let level = across.simd_eq(zero) & along.simd_gt(zero);
+    let tangent = |[cos, sin]: [f32x16; 2], reaches: f32x16, beyond: f32| {
+        let before = cos.simd_gt(zero);
+        (before | level | reaches, before.select(sin / cos, f32x16::splat(beyond)))
     };
-    Some([tangent(least, f64::NEG_INFINITY)?, tangent(greatest, f64::INFINITY)?])
+    let (has_least, least) = tangent(least, across.simd_lt(zero), f32::NEG_INFINITY);
+    let (has_greatest, greatest) = tangent(greatest, across.simd_gt(zero), f32::INFINITY);
+    (r.simd_gt(cosine) & has_least & has_greatest, [least, greatest])
 }
 
-/// The angles from an emitter to the points of a leg that it may light, from the perpendicular.
+/// The angles from sixteen emitters to the points of legs that they may light.
+#[derive(Clone, Copy, Debug)]
+pub struct AnglesX16 {
+    /// A mask of the lanes with such points.
+    pub some: f32x16,
+    /// The distances of the nearest points from the starts of the rays; negative behind them.
+    nearest: f32x16,
+    /// The distances of those points from the emitters.
+    apart: f32x16,
+    /// The differences of the angles of the last and the first point.
+    angle: f32x16,
+    /// The distances of these points from the starts of the rays.
+    within: [f32x16; 2],
+}
+
+impl AnglesX16 {
+    /// Returns the densities of points at distances of legs.
+    pub fn density(&self, distance: f32x16) -> f32x16 {
+        let x = distance - self.nearest;
+        self.apart / (self.angle * (self.apart * self.apart + x * x))
+    }
+
+    fn lane(&self, i: usize) -> Angles {
+        let of = |value: f32x16| value.as_array()[i];
+        let AnglesX16 { nearest, apart, angle, within, .. } = *self;
+        Angles { nearest: of(nearest), apart: of(apart), angle: of(angle), within: within.map(of) }
+    }
+}
+
+/// [`AnglesX16`] for one emitter.
 #[derive(Clone, Copy, Debug)]
 struct Angles {
-    /// The distance of the nearest point from the start of the ray; negative behind it.
-    nearest: f64,
-    /// The distance of that point from the emitter.
-    apart: f64,
-    first: f64,
-    last: f64,
-    /// The distances of these points from the start of the ray.
-    within: [f64; 2],
+    nearest: f32,
+    apart: f32,
+    angle: f32,
+    within: [f32; 2],
 }
 
 impl Angles {
-    fn density(&self, distance: f64) -> f64 {
+    fn density(&self, distance: f32) -> f32 {
         if !(self.within[0]..=self.within[1]).contains(&distance) {
             return 0.0;
         }
         let x = distance - self.nearest;
-        self.apart / ((self.last - self.first) * (self.apart * self.apart + x * x))
+        self.apart / (self.angle * (self.apart * self.apart + x * x))
     }
 }
 
@@ -198,15 +337,17 @@ impl Angles {
 mod tests {
     use super::*;
     use crate::emitter::BoundingSphere;
+    use crate::math::DVec3;
 
-    fn leg(sigma: f64, length: f64) -> Leg {
-        Leg {
-            origin: DVec3::new(0.0, 0.0, 1.0),
-            direction: DVec3::X,
-            length,
-            sigma_t: [sigma; 3],
-            choice: [0.5, 0.25, 0.25],
-            found: None,
+    /// Rays along the x axis, in all lanes.
+    fn legs(sigma: f32, length: f32) -> LegsX16 {
+        LegsX16 {
+            origin: Vec3x16::splat(Vec3::Z),
+            direction: Vec3x16::splat(Vec3::X),
+            length: f32x16::splat(length),
+            sigma_t: [f32x16::splat(sigma); 3],
+            choice: [0.5, 0.25, 0.25].map(f32x16::splat),
+            clearest: f32x16::splat(sigma),
         }
     }
 
@@ -214,19 +355,30 @@ mod tests {
         LitRegion { sphere: BoundingSphere { center: Vec3::new(x, y, 1.0), radius }, cone }
     }
 
+    /// Returns the angles of an emitter; `None` if it has no points.
+    fn angles(legs: &LegsX16, region: &LitRegion) -> Option<AnglesX16> {
+        let mut regions = RegionsX16::default();
+        (0..LANES).for_each(|i| regions.set_lane(i, region));
+        let angles = legs.angles(&regions);
+        assert!(angles.some.all() || !angles.some.any());
+        angles.some.all().then_some(angles)
+    }
+
     /// Returns the length on which points are found for an emitter, from its samples.
-    fn length_with_points(leg: &Leg, region: &LitRegion) -> Option<f64> {
+    fn length_with_points(legs: &LegsX16, region: &LitRegion) -> Option<f64> {
         const N: u32 = 2000;
+        let angles = angles(legs, region)?;
         let mut sum = 0.0;
         for i in 0..N {
-            let mut sampled = *leg;
-            let (distance, density) = sampled.sample(0, region, (i as f32 + 0.5) / N as f32)?;
-            assert!((0.0..=leg.length).contains(&distance));
-            assert!(
-                density == leg.density(0, region, distance)
-                    && density == sampled.density(0, region, distance)
-            );
-            sum += 1.0 / density / f64::from(N);
+            let distance = legs.sample(&angles, f32x16::splat((i as f32 + 0.5) / N as f32));
+            let density = angles.density(distance).as_array()[7];
+            let distance = distance.as_array()[7];
+            assert!((0.0..=legs.length.as_array()[0]).contains(&distance));
+            // The leg of one lane has the same density, whether it has found the emitter before or not.
+            for emitter in [0, 1] {
+                assert_eq!(density, legs.lane(5, emitter, &angles).density(0, region, distance));
+            }
+            sum += 1.0 / f64::from(density) / f64::from(N);
         }
         Some(sum)
     }
@@ -235,7 +387,7 @@ mod tests {
     fn samples_follow_their_density() {
         for (x, radius) in [(-1.0, 0.0), (2.0, 0.0), (2.0, 0.5), (7.0, 0.1)] {
             // ∫ 1 = the length.
-            let found = length_with_points(&leg(0.1, 5.0), &region(x, 0.3, radius, None)).expect("points");
+            let found = length_with_points(&legs(0.1, 5.0), &region(x, 0.3, radius, None)).expect("points");
             assert!((found - 5.0).abs() < 1e-3, "{x} {radius}: {found}");
         }
     }
@@ -267,27 +419,56 @@ mod tests {
                 from.normalize().dot(axis) >= cosine
             };
             let expected = (0..50_000).filter(|i| is_lit((f64::from(*i) + 0.5) * 1e-4)).count() as f64 * 1e-4;
-            let found = length_with_points(&leg(0.1, 5.0), &region).unwrap_or(0.0);
+            let found = length_with_points(&legs(0.1, 5.0), &region).unwrap_or(0.0);
             assert!((found - expected).abs() < 2e-3, "{x} {axis} {angle}: {found}, expected {expected}");
+            let angles = angles(&legs(0.1, 5.0), &region);
             for i in 0..500 {
                 let t = (f64::from(i) + 0.5) * 0.01;
                 let is_near_border = [-1e-3, 1e-3].iter().any(|d| is_lit(t + d) != is_lit(t));
-                assert!(is_near_border || (leg(0.1, 5.0).density(0, &region, t) > 0.0) == is_lit(t), "{t}");
+                let density = angles.as_ref().map_or(0.0, |angles| angles.lane(3).density(t as f32));
+                assert!(is_near_border || (density > 0.0) == is_lit(t), "{t}");
+            }
+        }
+    }
+
+    /// Distances are exact for emitters beside the ray by a small part of its length, also from the far end.
+    #[test]
+    fn distances_have_the_angles_of_their_numbers() {
+        for (x, y, length) in [
+            (2.0, 1e-3, 5.0),
+            (0.5, 1e-4, 5.0),
+            (3.0, 0.5, f32::INFINITY),
+            (3.0, 0.5, 1e30),
+            (-1.0, 0.5, 4.0),
+        ] {
+            let (legs, region) = (legs(0.1, length), region(x, y, 0.0, None));
+            let angles = angles(&legs, &region).expect("points");
+            let (x, y) = (f64::from(x), f64::from(y));
+            let [first, last] = [0.0, f64::from(length)].map(|end| ((end - x) / y).atan());
+            for u in [1e-6f32, 0.01, 0.3, 0.5, 0.7, 0.99, 1.0 - 1e-6] {
+                let found = legs.sample(&angles, f32x16::splat(u)).as_array()[2];
+                let part = (((f64::from(found) - x) / y).atan() - first) / (last - first);
+                // Rounding of the position moves the angle.
+                let step = 8.0 * f64::from(f32::EPSILON) * (x.abs() / y + 1.0);
+                assert!((part - f64::from(u)).abs() < step, "{x} {y} {u}: {part}");
             }
         }
     }
 
     #[test]
     fn far_emitters_have_no_points() {
-        let sample = |sigma: f64, length: f64, x: f32, y: f32| {
-            leg(sigma, length).sample(0, &region(x, y, 0.0, None), 0.5)
+        let has = |sigma: f32, length: f32, x: f32, y: f32| {
+            angles(&legs(sigma, length), &region(x, y, 0.0, None)).is_some()
         };
-        assert!(sample(1.0, 50.0, 3.0, 0.5).is_some());
-        assert!(sample(1.0, 50.0, 3.0, 1.5).is_none());
-        assert!(sample(1.0, 50.0, 5.0, 0.5).is_none());
+        assert!(has(1.0, 50.0, 3.0, 0.5));
+        assert!(!has(1.0, 50.0, 3.0, 1.5));
+        assert!(!has(1.0, 50.0, 5.0, 0.5));
         // On the ray, and at its start.
         for x in [3.0, 0.0] {
-            let (distance, density) = sample(1.0, f64::INFINITY, x, 0.0).expect("a point");
+            let legs = legs(1.0, f32::INFINITY);
+            let angles = angles(&legs, &region(x, 0.0, 0.0, None)).expect("points");
+            let distance = legs.sample(&angles, f32x16::HALF);
+            let (distance, density) = (distance.as_array()[0], angles.density(distance).as_array()[0]);
             assert!(distance >= 0.0 && density.is_finite());
         }
     }

@@ -1,22 +1,20 @@
-//! One event of a path in a medium, and the light that it finds.
+//! The light that paths find between their events, and points near emitters.
 
 use super::Path;
-use super::emitter_samples::{Competitors, PendingSample};
-use super::equiangular::{Leg, LegPoint};
+use super::emitter_samples::{Origins, weighted};
+use super::equiangular::{LegPoint, LegsX16, RegionsX16};
 use crate::color::Rgb;
-use crate::emitter::{LightSelection, LitRegion};
+use crate::emitter::{LightSelection, LitRegion, ReceiverX16};
 use crate::ids::MediumId;
-use crate::integrator::flight::{Collision, Entry, before_end, rounding};
-use crate::integrator::roulette::Roulette;
+use crate::integrator::flight::{Departure, Entries, before_end, rounding_x16, stream};
+use crate::integrator::shadows::ShadowQueue;
 use crate::integrator::{PathLimits, RadianceQuery};
-use crate::math::{Ray, Vec2, Vec3};
-use crate::medium::{FreeFlight, Medium, Phase, Stream};
-use crate::sampling::mis::{power_heuristic, power_heuristic_of_three};
+use crate::math::lanes::{bits, each_lane, f32x16};
+use crate::medium::Phase;
+use crate::medium::lanes::PhaseX16;
+use crate::sampling::SampleKey;
+use crate::sampling::mis::{power_heuristic, power_heuristic_of_three, power_heuristic_of_three_x16};
 use crate::scene::{Scene, SceneMedia, SurfaceInteraction};
-
-/// The probability with which an emitter is sampled in a [sealed](SceneMedia::is_sealed) medium. It is not 0, because
-/// the boundaries may have a hole, or an emitter inside.
-const SEALED_SHARE: f32 = 1.0 / 8.0;
 
 /// What all paths share.
 pub struct Tracer<'a> {
@@ -34,19 +32,13 @@ pub struct Tracer<'a> {
     pub has_near: bool,
 }
 
-/// The random numbers of an event.
-#[derive(Clone, Copy, Debug)]
-pub struct EventNumbers {
+/// The random numbers of points near emitters, for a whole wave.
+#[derive(Default)]
+pub struct NearNumbers {
     /// Choice of the emitter and position on it.
-    pub emitter_point: Vec2,
-    /// Direction.
-    pub direction: Vec2,
-    /// Russian roulette.
-    pub roulette: f32,
-    /// Choice of an emitter and position on it, and the distance of a point near it.
-    pub near_emitter: Option<(Vec2, f32)>,
-    /// The transmittance of heterogeneous media up to the emitter, and up to the one near which there is a point.
-    pub shadow_streams: [Stream; 2],
+    pub emitter_point: [Vec<f32>; 2],
+    /// Distance on the ray.
+    pub distance: Vec<f32>,
 }
 
 /// Where the first part of a ray is that is in a medium that scatters.
@@ -61,31 +53,9 @@ pub enum First {
 }
 
 impl First {
-    /// Notes that a ray enters a medium. Samples a point near an emitter in the first one that scatters.
-    pub fn enter<'e>(
-        &mut self,
-        tracer: &Tracer<'_>,
-        path: &Path,
-        (entry, flight): (&Entry<'e, '_>, &FreeFlight),
-        numbers: impl FnOnce() -> EventNumbers,
-        (samples, leg_points): (&mut Vec<PendingSample<'e>>, &mut Vec<LegPoint>),
-    ) {
-        if !(flight.is_sampled() && entry.medium.scatters()) {
-            return;
-        }
-        let leg = match self {
-            First::Ahead => tracer.light_near_emitter(path, entry, flight, &numbers(), samples),
-            First::Here(_) | First::Behind => None,
-        };
-        *self = leg.map_or(First::Behind, |leg| {
-            leg_points.push(LegPoint { leg, distance: 0.0 });
-            First::Here(leg_points.len() as u32 - 1)
-        });
-    }
-
     /// Notes that the flight ends at a distance in the last medium entered. Returns the index of that point, if points
     /// near emitters are sampled on the ray there.
-    pub fn end(self, distance: f64, leg_points: &mut [LegPoint]) -> Option<u32> {
+    pub fn end(self, distance: f32, leg_points: &mut [LegPoint]) -> Option<u32> {
         let First::Here(index) = self else { return None };
         leg_points[index as usize].distance = distance;
         Some(index)
@@ -93,16 +63,6 @@ impl First {
 }
 
 impl Tracer<'_> {
-    /// Returns the flight of a path. `u` chooses the channel and the optical depth, `random` has the numbers of
-    /// heterogeneous media.
-    pub fn flight(&self, path: &Path, u: Vec2, random: Stream) -> FreeFlight {
-        // Where paths end, scattering in media is loss.
-        match self.scatters(path) {
-            true => FreeFlight::sampled(path.beta, u, path.ray.o, random),
-            false => FreeFlight::unscattered(random),
-        }
-    }
-
     /// Returns whether points near emitters may be sampled in a medium.
     fn lights_near_emitters(&self, medium: MediumId) -> bool {
         self.has_near && !self.media.is_sealed(medium)
@@ -117,43 +77,14 @@ impl Tracer<'_> {
         }
     }
 
-    /// Returns whether the path may be scattered once more.
-    fn scatters(&self, path: &Path) -> bool {
-        self.limits.allows(path.depth + 2) && (self.query.direct || self.query.indirect)
+    /// Returns whether paths may be scattered once more after `depth` events.
+    pub fn scatters(&self, depth: u32) -> bool {
+        self.limits.allows(depth + 2) && (self.query.direct || self.query.indirect)
     }
 
     /// Returns whether emission found by the path's ray is added.
     fn adds_emission(&self, path: &Path) -> bool {
         self.query.wants(path.depth + 1) && !(path.depth == 0 && self.limits.hide_emitters)
-    }
-
-    /// Chooses an emitter to be sampled at the path's next event, which is at `p`; `None` if its light is not wanted.
-    fn sample_emitter<'e>(
-        &self,
-        path: &Path,
-        p: Vec3,
-        phase: &'e Phase,
-        numbers: &EventNumbers,
-    ) -> Option<PendingSample<'e>> {
-        if !self.query.wants(path.depth + 2) {
-            return None;
-        }
-        let u = numbers.emitter_point;
-        let choice = self.selection().sample(p, u.x)?;
-        Some(PendingSample {
-            p,
-            phase,
-            d: path.ray.d,
-            medium: path.medium,
-            beta: path.beta,
-            slot: path.slot,
-            time: path.ray.time,
-            emitter: choice.emitter,
-            pmf: choice.pmf,
-            u: Vec2::new(choice.u, u.y),
-            random: numbers.shadow_streams[0],
-            competitors: Competitors::OfEvent { share: 1.0, near: 0.0 },
-        })
     }
 
     /// Returns the choice among the emitters. A direction is sampled at every event, too, so emitter samples may omit
@@ -180,59 +111,82 @@ impl Tracer<'_> {
     }
 
     /// Returns [`LegPoint::relative_density`] for an emitter; 0 if it is at infinity.
-    fn relative_density(&self, point: &LegPoint, emitter: usize, pmf: f32) -> f32 {
+    pub fn relative_density(&self, point: &LegPoint, emitter: usize, pmf: f32) -> f32 {
         let region = self.regions.get(emitter).and_then(Option::as_ref);
         region.map_or(0.0, |region| point.relative_density(self.selection(), emitter, region, pmf))
     }
 
-    /// Adds a sample of an emitter from a point near it in the first medium that scatters, and returns the part of the
-    /// ray in that medium; `None` if no such points are sampled there.
-    fn light_near_emitter<'e>(
+    /// Samples emitters at points near them, on the parts of rays in the first media that may scatter them. Queues
+    /// shadow rays with the weighted contributions to the entries `slots`.
+    pub fn light_near_emitters(
         &self,
-        path: &Path,
-        entry: &Entry<'e, '_>,
-        flight: &FreeFlight,
-        numbers: &EventNumbers,
-        samples: &mut Vec<PendingSample<'e>>,
-    ) -> Option<Leg> {
-        let useful = self.query.wants(path.depth + 2) && self.lights_near_emitters(entry.id);
-        let near = numbers.near_emitter.filter(|_| useful);
-        let (Some((u_emitter, u_distance)), Medium::Homogeneous(medium)) = (near, entry.medium) else {
-            return None;
-        };
-        let mut leg = Leg::new(medium, &entry.segment, flight);
-        let mut sample = || {
-            let choice = self.selection().sample(leg.reference(), u_emitter.x)?;
-            let region = self.regions[choice.emitter].as_ref()?;
-            let (distance, density) = leg.sample(choice.emitter, region, u_distance)?;
-            let p = leg.at(distance);
-            let (length, d) = (entry.segment.length as f32, entry.segment.direction);
-            let is_close = length - distance as f32 <= rounding(entry.segment.origin, d * length);
-            let p = if is_close { before_end(p, (entry.ahead)().as_ref(), d) } else { p };
-            let scattered = flight.passed() * leg.transmittance(distance) * medium.sigma_s;
-            let competitors = Competitors::OfPointNearEmitter {
-                density: density as f32,
-                flights: leg.flight_density(distance) as f32,
-                pmf: self.selection().pmf(choice.emitter, p),
-            };
-            samples.push(PendingSample {
-                p,
-                phase: &medium.phase,
-                d: path.ray.d,
-                medium: Some(entry.id),
-                beta: path.beta * scattered,
-                slot: path.slot,
-                time: path.ray.time,
-                emitter: choice.emitter,
-                pmf: choice.pmf,
-                u: Vec2::new(choice.u, u_emitter.y),
-                random: numbers.shadow_streams[1],
-                competitors,
-            });
-            Some(())
-        };
-        sample();
-        Some(leg)
+        depth: u32,
+        entries: &Entries<'_>,
+        (numbers, slots, keys): (&NearNumbers, &[u32], &[SampleKey]),
+        (firsts, leg_points): (&mut [First], &mut Vec<LegPoint>),
+        shadows: &mut ShadowQueue,
+    ) {
+        let Entries { index, media, rays, .. } = entries;
+        let mut lanes = 0;
+        for k in bits(entries.lanes) {
+            let first = &mut firsts[index[k]];
+            let useful =
+                matches!(first, First::Ahead) && media[k].is_some_and(|id| self.lights_near_emitters(id));
+            lanes |= u32::from(useful) << k;
+            *first = First::Behind;
+        }
+        let legs = LegsX16::new(entries);
+        let of = |numbers: &[f32]| f32x16::new(each_lane(|k| numbers[index[k]]));
+        let [u_choice, u_point] = numbers.emitter_point.each_ref().map(|numbers| of(numbers));
+        let reference = ReceiverX16::from(legs.reference());
+        if lanes == 0 || !self.query.wants(depth + 2) {
+            return;
+        }
+        let Some(choice) = self.selection().sample_x16(&reference, u_choice, lanes) else { return };
+        let mut regions = RegionsX16::default();
+        for k in bits(lanes) {
+            if let Some(region) = &self.regions[choice.emitters[k]] {
+                regions.set_lane(k, region);
+            }
+        }
+        let angles = legs.angles(&regions);
+        let some = angles.some.to_bitmask() & lanes;
+        // A single emitter has no other points.
+        for k in bits(if self.regions.len() == 1 { some } else { lanes }) {
+            firsts[index[k]] = First::Here(leg_points.len() as u32);
+            leg_points.push(LegPoint { leg: legs.lane(k, choice.emitters[k], &angles), distance: 0.0 });
+        }
+        if some == 0 {
+            return;
+        }
+        let distance = legs.sample(&angles, of(&numbers.distance));
+        let mut p = legs.at(distance);
+        let close = (entries.lengths - distance).simd_le(rounding_x16(rays.o, entries.lengths));
+        for k in bits(close.to_bitmask() & some) {
+            p.set_lane(k, before_end(p.lane(k), (entries.ahead)(k).as_ref(), rays.d.lane(k)));
+        }
+        let u = [choice.u, u_point];
+        let sample = self.scene.sample_chosen_x16(self.selection(), &choice.emitters, p, u, rays.time, some);
+        let phases = media.map(|id| id.map_or(&Phase::Isotropic, |id| self.media.phase(id)));
+        let scattered = PhaseX16::of(&phases).eval(entries.directions, sample.wi);
+        let pmf_there = each_lane(|k| match some >> k & 1 {
+            1 => self.selection().pmf(choice.emitters[k], p.lane(k)),
+            _ => 0.0,
+        });
+        let transmittance = legs.transmittance(distance);
+        let (density, flights) = (angles.density(distance), legs.flight_density(&transmittance));
+        let pdf = sample.pdf * choice.pmf;
+        // The density with which an event there samples the direction, too.
+        let other = sample.delta.select(f32x16::ZERO, scattered);
+        let others = [flights * f32x16::new(pmf_there) / choice.pmf, flights * other / pdf];
+        let weight = power_heuristic_of_three_x16(density, others);
+        let value = weighted(&sample, scattered * weight, pdf * density, |c| {
+            entries.flight.beta[c] * transmittance[c] * entries.coefficients.sigma_s[c]
+        });
+        let departures =
+            each_lane(|k| Departure { medium: media[k], random: stream(keys[index[k]], depth, 2) });
+        let origins = Origins { p, time: rays.time, slots: index.map(|i| slots[i]), departures };
+        origins.queue(&sample, &value, some, shadows);
     }
 
     /// Returns the weighted radiance of the environment and the sun.
@@ -251,53 +205,5 @@ impl Tracer<'_> {
             sum += radiance;
         }
         sum
-    }
-
-    /// Adds a sample of an emitter at the path's next event, which is in a medium, and scatters the path there.
-    pub fn scatter_in_medium<'e>(
-        &self,
-        path: Path,
-        collision: &Collision<'e>,
-        leg_point: Option<&LegPoint>,
-        numbers: &EventNumbers,
-        samples: &mut Vec<PendingSample<'e>>,
-    ) -> Option<Path> {
-        let Ray { d, time, .. } = path.ray;
-        let (p, phase) = (collision.p, collision.medium.phase());
-        let mut random = numbers.shadow_streams[0];
-        let sealed = path.medium.is_some_and(|id| self.media.is_sealed(id));
-        let share = if sealed { SEALED_SHARE } else { 1.0 };
-        if !sealed || random.uniform() < f64::from(SEALED_SHARE) {
-            let sample = self.sample_emitter(&path, p, phase, numbers);
-            samples.extend(sample.map(|sample| {
-                let near = |point| self.relative_density(point, sample.emitter, sample.pmf);
-                let competitors = Competitors::OfEvent { share, near: leg_point.map_or(0.0, near) };
-                PendingSample { competitors, random, ..sample }
-            }));
-        }
-        let wi = phase.sample(d, numbers.direction);
-        let next = Path {
-            ray: Ray { time, ..Ray::new(p, wi) },
-            from: p,
-            pdf: phase.eval(d.dot(wi)),
-            emitter_share: share,
-            depth: path.depth + 1,
-            ..path
-        };
-        self.survivor(next, numbers)
-    }
-
-    /// Plays Russian roulette after an event.
-    fn survivor(&self, path: Path, numbers: &EventNumbers) -> Option<Path> {
-        if path.beta.is_black() {
-            return None;
-        }
-        match Roulette::at(path.depth, self.limits.rr_depth) {
-            None => Some(path),
-            Some(roulette) => {
-                let beta = roulette.play(path.beta, path.eta * path.eta, numbers.roulette)?;
-                Some(Path { beta, ..path })
-            }
-        }
     }
 }

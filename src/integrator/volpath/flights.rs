@@ -3,51 +3,64 @@
 //! A wave of rays goes from boundary to boundary together ([`follow`]). The paths that media scatter wait for the
 //! others, which are shaded at the surfaces that they meet.
 
+use super::Path;
 use super::equiangular::LegPoint;
-use super::event::{First, Tracer};
-use super::{Path, WaveNumbers};
+use super::event::{First, NearNumbers, Tracer};
+use super::scattering::{EventNumbers, Scattered};
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
-use crate::integrator::flight::{Collision, Entry, Journey, follow, stream};
+use crate::integrator::flight::{Departure, Entries, Journeys, stream};
 use crate::integrator::path::between::{Between, Sides};
-use crate::integrator::worker::{InMedia, PathWave, intersect};
+use crate::integrator::worker::{InMedia, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, Worker};
 use crate::math::Ray;
-use crate::medium::FreeFlight;
+use crate::sampling::{Dimension, SampleKey};
 
 /// The flights of a wave.
 pub struct Flights<'a> {
     tracer: Tracer<'a>,
-    numbers: WaveNumbers,
+    buffers: Buffers,
+}
+
+/// The state of the paths that meet media.
+#[derive(Default)]
+pub struct Buffers {
+    /// The indices of the paths in the wave.
+    travellers: Vec<usize>,
+    /// Their keys, and their entries of the output.
+    keys: Vec<SampleKey>,
+    slots: Vec<u32>,
+    /// Their rays.
+    journeys: Journeys,
+    /// The first boundaries that the rays pass, if there are any in the scene.
+    boundaries: Vec<Option<Hit>>,
+    /// Where points near emitters are sampled on them.
+    firsts: Vec<First>,
     /// The points of this event and of the last one on their rays.
     leg_points: [Vec<LegPoint>; 2],
+    /// The random numbers of distances, of points near emitters, and of events.
+    free_flight: [Vec<f32>; 2],
+    near_numbers: NearNumbers,
+    event_numbers: EventNumbers,
     /// The paths that media have scattered.
-    scattered: Vec<Path>,
+    scattered: Vec<Scattered>,
 }
 
 impl<'a> Flights<'a> {
-    /// Begins with paths that have not left the camera.
-    pub fn new(tracer: Tracer<'a>) -> Self {
-        let numbers = WaveNumbers::new(tracer.has_near);
-        Flights { tracer, numbers, leg_points: Default::default(), scattered: Vec::new() }
+    /// Begins with paths that have not left the camera. The contents of the buffers do not matter.
+    pub fn new(tracer: Tracer<'a>, buffers: Buffers) -> Self {
+        Flights { tracer, buffers }
+    }
+
+    /// Ends the flights.
+    pub fn into_buffers(self) -> Buffers {
+        self.buffers
     }
 
     /// Returns the path with an index in the wave.
     fn path(depth: u32, i: usize, paths: &PathWave) -> Path {
-        let InMedia { medium, on_leg, emitter_share, .. } = paths.in_media[i];
-        Path {
-            key: paths.keys[i],
-            slot: paths.slots[i] as usize,
-            ray: paths.rays[i],
-            medium,
-            from: paths.from[i],
-            pdf: paths.pdf[i],
-            emitter_share,
-            beta: paths.beta(i),
-            eta: paths.eta[i],
-            depth,
-            on_leg,
-        }
+        let InMedia { on_leg, emitter_share, .. } = paths.in_media[i];
+        Path { ray: paths.rays[i], from: paths.from[i], pdf: paths.pdf[i], emitter_share, depth, on_leg }
     }
 }
 
@@ -69,46 +82,76 @@ impl<'a> Between<'a> for Flights<'a> {
         let emits =
             |hit: &Option<Hit>| hit.is_some_and(|hit| scene.shapes[hit.geometry as usize].emitter.is_some());
         let hides = depth == 0 && limits.hide_emitters && scene.needs.hit_emitters;
-        let to_surface = |(ray, hit): (&Ray, &Option<Hit>)| match hit {
-            Some(hit) => Ray { t_max: hit.t, ..*ray },
-            None => *ray,
+        let Buffers {
+            travellers,
+            keys,
+            slots,
+            journeys,
+            boundaries,
+            firsts,
+            leg_points: [leg_points, last_leg_points],
+            free_flight,
+            near_numbers,
+            event_numbers,
+            scattered,
+        } = &mut self.buffers;
+        let to_surface = |i: usize| match hits[i] {
+            Some(hit) => Ray { t_max: hit.t, ..paths.rays[i] },
+            None => paths.rays[i],
         };
-        let rays: Vec<Ray> = paths.rays.iter().zip(&*hits).map(to_surface).collect();
-        let boundaries = media.passed(&rays);
-        let meets = |i: &usize| hides || paths.in_media[*i].medium.is_some() || boundaries[*i].is_some();
-        let travellers: Vec<usize> = (0..rays.len()).filter(meets).collect();
-        let boundaries: Vec<Option<Hit>> = travellers.iter().map(|&i| boundaries[i]).collect();
-        let before: Vec<Path> = travellers.iter().map(|&i| Flights::path(depth, i, paths)).collect();
-        self.numbers.draw(depth, &before, *sampler);
-        let numbers = |k: usize| self.numbers.of(k, depth);
-        let start = |(k, (path, &i)): (usize, (&Path, &usize))| {
-            Journey::new(
-                rays[i],
-                path.medium,
-                self.tracer.flight(path, self.numbers.free_flight(k), stream(path.key, depth, 0)),
-            )
+        let passed = media.has_passed().then(|| {
+            let rays: Vec<Ray> = (0..hits.len()).map(to_surface).collect();
+            media.passed(&rays)
+        });
+        let meets = |i: &usize| {
+            let is_passing = passed.as_ref().is_some_and(|passed| passed[*i].is_some());
+            hides || is_passing || paths.in_media[*i].medium.is_some()
         };
-        let mut journeys: Vec<Journey> = before.iter().zip(&travellers).enumerate().map(start).collect();
-        let mut firsts = vec![First::Ahead; travellers.len()];
-        let mut samples = Vec::with_capacity(travellers.len());
-        let [leg_points, last_leg_points] = &mut self.leg_points;
+        travellers.clear();
+        travellers.extend((0..hits.len()).filter(meets));
+        boundaries.clear();
+        if let Some(passed) = &passed {
+            boundaries.extend(travellers.iter().map(|&i| passed[i]));
+        }
+        (keys.clear(), slots.clear(), journeys.clear());
+        for &i in &*travellers {
+            keys.push(paths.keys[i]);
+            slots.push(paths.slots[i]);
+            let random = stream(paths.keys[i], depth, 0);
+            let departure = Departure { medium: paths.in_media[i].medium, random };
+            journeys.push(to_surface(i), departure, paths.beta(i));
+        }
+        // Where paths end, scattering in media is loss.
+        let scatters = self.tracer.scatters(depth);
+        let near = scatters && self.tracer.has_near;
+        if scatters {
+            draw_2d(*sampler, Dimension::free_flight(depth), keys, free_flight);
+            journeys.sample(free_flight);
+        }
+        if near {
+            let NearNumbers { emitter_point, distance } = near_numbers;
+            draw_2d(*sampler, Dimension::emitter_point(depth).repeat(1), keys, emitter_point);
+            draw_1d(*sampler, Dimension::equiangular(depth), keys, distance);
+        }
+        firsts.clear();
+        firsts.resize(travellers.len(), First::Ahead);
         std::mem::swap(leg_points, last_leg_points);
         leg_points.clear();
         let end = |k: usize, paths: &PathWave, hits: &[Option<Hit>]| {
             let i = travellers[k];
             hits[i].map(|hit| scene.interaction(&paths.rays[i], &hit))
         };
-        let mut enter = |k: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| {
-            let found = (&mut samples, &mut *leg_points);
-            firsts[k].enter(&self.tracer, &before[k], (entry, flight), || numbers(k), found);
+        let mut enter = |entries: &Entries<'_>| {
+            let numbers = (&*near_numbers, &slots[..], &keys[..]);
+            self.tracer.light_near_emitters(depth, entries, numbers, (firsts, leg_points), shadows);
         };
+        let all = (0..travellers.len()).collect();
         let at_end = |k| end(k, paths, hits);
-        let mut collisions: Vec<Option<Collision<'a>>> =
-            follow(scene, media, &mut journeys, Some(&boundaries), at_end, &mut enter);
+        journeys.follow(scene, media, all, Some(boundaries), at_end, near.then_some(&mut enter));
         // Camera rays pass hidden emitters.
         let mut active: Vec<usize> = if hides { (0..travellers.len()).collect() } else { Vec::new() };
         loop {
-            active.retain(|&k| collisions[k].is_none() && emits(&hits[travellers[k]]));
+            active.retain(|&k| journeys.collision(k).is_none() && emits(&hits[travellers[k]]));
             if active.is_empty() {
                 break;
             }
@@ -116,74 +159,70 @@ impl<'a> Between<'a> for Flights<'a> {
             for &k in &active {
                 let at = end(k, paths, hits).expect("a hidden emitter was hit");
                 let ray = &mut paths.rays[travellers[k]];
-                *ray = journeys[k].pass(scene, media, &at);
+                *ray = journeys.pass(k, scene, media, &at);
                 behind.push(*ray);
             }
             let mut found = Vec::new();
             intersect(scene, &behind, Coherence::Incoherent, &mut found, counters);
             for (&k, hit) in active.iter().zip(found) {
                 hits[travellers[k]] = hit;
-                journeys[k].end_at(hit.map_or(f32::INFINITY, |hit| hit.t));
+                journeys.end_at(k, hit.map_or(f32::INFINITY, |hit| hit.t));
             }
-            let mut legs: Vec<Journey> = active.iter().map(|&k| journeys[k]).collect();
-            let (at_end, enter) = (
-                |j: usize| end(active[j], paths, hits),
-                |j: usize, entry: &Entry<'a, '_>, flight: &FreeFlight| enter(active[j], entry, flight),
-            );
-            let found = follow(scene, media, &mut legs, None, at_end, enter);
-            for ((&k, leg), collision) in active.iter().zip(legs).zip(found) {
-                (journeys[k], collisions[k]) = (leg, collision);
-            }
+            let at_end = |k| end(k, paths, hits);
+            journeys.follow(scene, media, active.clone(), None, at_end, near.then_some(&mut enter));
         }
-        for (k, (collision, &i)) in collisions.into_iter().zip(&travellers).enumerate() {
-            let Journey { medium, flight, .. } = &journeys[k];
-            let weight = match &collision {
-                Some(collision) => flight.scattered(collision.medium),
-                None => flight.passed(),
-            };
-            let path = Path { medium: *medium, beta: before[k].beta * weight, ..before[k] };
-            paths.set_beta(i, path.beta);
-            paths.in_media[i].medium = *medium;
+        for (k, &i) in travellers.iter().enumerate() {
+            let (beta, medium, collision) = (journeys.beta(k), journeys.medium(k), journeys.collision(k));
+            paths.set_beta(i, beta);
+            paths.in_media[i].medium = medium;
+            let slot = slots[k];
             if depth == 0 {
-                let to_surface = || hits[i].map_or(f32::INFINITY, |_| journeys[k].length());
-                out[path.slot].distance = collision.as_ref().map_or_else(to_surface, |collision| collision.t);
+                let to_surface = || hits[i].map_or(f32::INFINITY, |_| journeys.length(k));
+                out[slot as usize].distance = collision.map_or_else(to_surface, |collision| collision.t);
             }
+            let InMedia { on_leg, emitter_share, .. } = paths.in_media[i];
             match collision {
                 // The wave knows the weight of what the ray finds.
-                None if path.on_leg.is_none() && path.emitter_share == 1.0 => {}
+                None if on_leg.is_none() && emitter_share == 1.0 => {}
                 None => {
                     let at = |hit: &Hit| scene.interaction(&paths.rays[i], hit);
                     if hits[i].is_none() || emits(&hits[i]) {
+                        let path = Flights::path(depth, i, paths);
                         let found =
                             self.tracer.found(&path, hits[i].as_ref().map(at).as_ref(), last_leg_points);
-                        out[path.slot].value += path.beta * found;
+                        out[slot as usize].value += beta * found;
                     }
                     // What the ray finds is weighted by 0 from now on.
                     paths.pdf[i] = 0.0;
                 }
                 Some(collision) => {
-                    if !path.beta.is_black() {
-                        let on_leg = firsts[k].end(collision.distance, leg_points);
-                        let point = on_leg.map(|index| &leg_points[index as usize]);
-                        let (path, numbers) = (Path { on_leg, ..path }, numbers(k));
-                        let next =
-                            self.tracer.scatter_in_medium(path, &collision, point, &numbers, &mut samples);
-                        self.scattered.extend(next);
+                    if !beta.is_black() {
+                        let Ray { d, time, .. } = paths.rays[i];
+                        scattered.push(Scattered {
+                            key: keys[k],
+                            slot,
+                            p: collision.p,
+                            d,
+                            time,
+                            medium: collision.medium,
+                            beta,
+                            eta: paths.eta[i],
+                            on_leg: firsts[k].end(collision.distance, leg_points),
+                            pdf: 0.0,
+                            emitter_share: 1.0,
+                        });
                     }
                     paths.set_beta(i, Rgb::BLACK);
                     hits[i] = None;
                 }
             }
         }
-        self.tracer.sample_emitters(&samples, shadows);
+        let numbers = (*sampler, event_numbers);
+        self.tracer.scatter_in_media(depth, scattered, leg_points, numbers, shadows);
     }
 
     fn rejoin(&mut self, paths: &mut PathWave) {
-        for Path { key, slot, ray, medium, pdf, emitter_share, beta, eta, on_leg, .. } in
-            self.scattered.drain(..)
-        {
-            paths.push_scattered(key, slot as u32, ray, pdf, beta, eta);
-            paths.in_media.push(InMedia { medium, events: 0, on_leg, emitter_share });
-        }
+        paths.push_scattered(&self.buffers.scattered);
+        self.buffers.scattered.clear();
     }
 }

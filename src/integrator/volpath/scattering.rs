@@ -1,0 +1,185 @@
+//! Scattering of paths in media, sixteen at a time.
+
+use super::emitter_samples::{Origins, weighted};
+use super::equiangular::LegPoint;
+use super::event::Tracer;
+use crate::color::Rgb;
+use crate::emitter::ReceiverX16;
+use crate::ids::MediumId;
+use crate::integrator::flight::{Departure, stream};
+use crate::integrator::roulette::Roulette;
+use crate::integrator::shadows::ShadowQueue;
+use crate::integrator::worker::{InMedia, draw_1d, draw_2d};
+use crate::math::lanes::{LANES, bits, each_lane, f32x16, load};
+use crate::math::{Ray, Vec3, Vec3x16};
+use crate::medium::lanes::PhaseX16;
+use crate::sampling::mis::power_heuristic_of_three_x16;
+use crate::sampling::{Dimension, SampleKey, Sampler};
+
+/// The probability with which an emitter is sampled in a [sealed](crate::scene::SceneMedia::is_sealed) medium. It is
+/// not 0, because the boundaries may have a hole, or an emitter inside.
+const SEALED_SHARE: f32 = 1.0 / 8.0;
+
+/// A path that a medium scatters, or has scattered.
+#[derive(Clone, Copy, Debug)]
+pub struct Scattered {
+    /// The sample's key.
+    pub key: SampleKey,
+    /// The entry of the output to which the path contributes.
+    pub slot: u32,
+    /// The point.
+    pub p: Vec3,
+    /// The direction in which the path arrives; afterwards, that in which it goes on, of unit length.
+    pub d: Vec3,
+    /// The time of the ray.
+    pub time: f32,
+    /// The medium.
+    pub medium: MediumId,
+    /// The product of the weights so far.
+    pub beta: Rgb,
+    /// The product of the relative indices of refraction.
+    pub eta: f32,
+    /// The index of the point on the ray, if points near emitters were sampled there.
+    pub on_leg: Option<u32>,
+    /// The density per unit solid angle of the direction in which the path goes on.
+    pub pdf: f32,
+    /// The probability with which an emitter is sampled at the point.
+    pub emitter_share: f32,
+}
+
+impl Scattered {
+    /// Returns the ray on which the path goes on.
+    pub fn ray(&self) -> Ray {
+        Ray { time: self.time, ..Ray::new(self.p, self.d) }
+    }
+
+    /// Returns where the path is in media.
+    pub fn in_media(&self) -> InMedia {
+        let Scattered { medium, on_leg, emitter_share, .. } = *self;
+        InMedia { medium: Some(medium), events: 0, on_leg, emitter_share }
+    }
+}
+
+/// The random numbers of the events of a wave.
+#[derive(Default)]
+pub struct EventNumbers {
+    keys: Vec<SampleKey>,
+    emitter_point: [Vec<f32>; 2],
+    direction: [Vec<f32>; 2],
+    roulette: Vec<f32>,
+}
+
+impl Tracer<'_> {
+    /// Samples an emitter at each point at which a path is scattered after `depth` events, and queues shadow rays with
+    /// the weighted contributions. Then scatters the paths. Those that end are removed.
+    pub fn scatter_in_media(
+        &self,
+        depth: u32,
+        paths: &mut Vec<Scattered>,
+        leg_points: &[LegPoint],
+        (sampler, numbers): (Sampler, &mut EventNumbers),
+        shadows: &mut ShadowQueue,
+    ) {
+        let EventNumbers { keys, emitter_point, direction, roulette } = numbers;
+        keys.clear();
+        keys.extend(paths.iter().map(|path| path.key));
+        let samples_emitters = self.query.wants(depth + 2) && !self.selection().is_empty();
+        if samples_emitters {
+            draw_2d(sampler, Dimension::emitter_point(depth), keys, emitter_point);
+        }
+        draw_2d(sampler, Dimension::bsdf_direction(depth), keys, direction);
+        let plays = Roulette::at(depth + 1, self.limits.rr_depth);
+        if plays.is_some() {
+            draw_1d(sampler, Dimension::roulette(depth), keys, roulette);
+        }
+        let mut alive = 0;
+        for first in (0..paths.len()).step_by(LANES) {
+            let count = (paths.len() - first).min(LANES);
+            let of: [Scattered; LANES] = each_lane(|i| paths[first + i.min(count - 1)]);
+            let (mut p, mut d) = (Vec3x16::default(), Vec3x16::default());
+            for i in 0..LANES {
+                p.set_lane(i, of[i].p);
+                d.set_lane(i, of[i].d);
+            }
+            let d = d / d.length_squared().sqrt();
+            let phases = PhaseX16::of(&of.map(|path| self.media.phase(path.medium)));
+            let shares = of.map(|path| if self.media.is_sealed(path.medium) { SEALED_SHARE } else { 1.0 });
+            let beta: [f32x16; 3] = std::array::from_fn(|c| f32x16::new(of.map(|path| path.beta[c])));
+            if samples_emitters {
+                let u = [0, 1].map(|k| load(&emitter_point[k], first));
+                self.sample_emitters(
+                    depth,
+                    (&of, count),
+                    (p, d),
+                    (&phases, shares),
+                    &beta,
+                    u,
+                    leg_points,
+                    shadows,
+                );
+            }
+            let wi = phases.sample(d, [0, 1].map(|k| load(&direction[k], first)));
+            let pdf = phases.eval(d, wi);
+            let (mut beta, mut on) = (beta, f32x16::ZERO.simd_eq(f32x16::ZERO));
+            if let Some(roulette_of) = plays {
+                let eta = f32x16::new(of.map(|path| path.eta));
+                (beta, on) = roulette_of.play_x16(beta, eta * eta, load(roulette, first));
+            }
+            for i in bits(on.to_bitmask() & ((1 << count) - 1)) {
+                paths[alive] = Scattered {
+                    d: wi.lane(i),
+                    beta: Rgb::from(beta.map(|channel| channel.as_array()[i])),
+                    pdf: pdf.as_array()[i],
+                    emitter_share: shares[i],
+                    ..of[i]
+                };
+                alive += 1;
+            }
+        }
+        paths.truncate(alive);
+    }
+
+    /// Samples an emitter at each of at most sixteen points.
+    #[expect(clippy::too_many_arguments, reason = "the state of a block")]
+    fn sample_emitters(
+        &self,
+        depth: u32,
+        (of, count): (&[Scattered; LANES], usize),
+        (p, d): (Vec3x16, Vec3x16),
+        (phases, shares): (&PhaseX16<'_>, [f32; LANES]),
+        beta: &[f32x16; 3],
+        u: [f32x16; 2],
+        leg_points: &[LegPoint],
+        shadows: &mut ShadowQueue,
+    ) {
+        let mut departures = of
+            .each_ref()
+            .map(|path| Departure { medium: Some(path.medium), random: stream(path.key, depth, 1) });
+        let mut lanes = (1 << count) - 1;
+        for i in 0..count {
+            if shares[i] < 1.0 && departures[i].random.uniform() >= f64::from(shares[i]) {
+                lanes &= !(1 << i);
+            }
+        }
+        let (time, receivers) = (f32x16::new(of.each_ref().map(|path| path.time)), ReceiverX16::from(p));
+        let choice = self.scene.sample_emitters_choice(self.selection(), &receivers, u, time, lanes);
+        let Some((choice, sample)) = choice else { return };
+        let scattered = phases.eval(d, sample.wi);
+        let pdf = sample.pdf * f32x16::new(shares);
+        let mut near = f32x16::ZERO;
+        for i in bits(lanes) {
+            if let Some(point) = of[i].on_leg {
+                let pmf = choice.pmf.as_array()[i];
+                near.as_mut_array()[i] =
+                    self.relative_density(&leg_points[point as usize], choice.emitters[i], pmf);
+            }
+        }
+        let near = near.simd_gt(f32x16::ZERO).select(near * pdf, f32x16::ZERO);
+        // The density with which the event samples the direction, too.
+        let other = sample.delta.select(f32x16::ZERO, scattered);
+        let weight = power_heuristic_of_three_x16(pdf, [other, near]);
+        let value = weighted(&sample, scattered * weight, pdf, |c| beta[c]);
+        let slots = of.each_ref().map(|path| path.slot);
+        Origins { p, time, slots, departures }.queue(&sample, &value, lanes, shadows);
+    }
+}
