@@ -23,9 +23,9 @@ RUST_ALONE := -p buffon --no-default-features
 # Without the examples, which clippy compiles, and which take minutes to build.
 TESTS := --locked --workspace --lib --bins --tests
 # Tests that take too long for continuous integration.
-LONGEST := a_hundred_renders_are_killed a_hundred_thousand_lamps a_seed_decides_the_numbers every_experiment_runs \
-    irradiance_from_beforehand light_does_not_pass_below_a_wall_with_millions pictures_of_more_seeds \
-    refuted_with_any_seed
+LONGEST := a_bias_that_is_allowed a_hundred_renders_are_killed a_hundred_thousand_lamps a_seed_decides_the_numbers \
+    every_experiment_runs irradiance_from_beforehand light_does_not_pass_below_a_wall_with_millions \
+    lobes_do_not_change pictures_of_more_seeds refuted_with_any_seed
 # What is tested with both: traversal, images, and the command line over them.
 TWICE := parity watertight self_intersection image_ texture_files cli:: determinism own_scenes plugins:: memory
 

@@ -82,6 +82,46 @@ fn a_crop_is_a_part(folder: &Folder, options: &str) {
     assert_eq!(bits(&crop), bits(&whole.crop(7, 5, 20, 19).expect("the crop is inside")));
 }
 
+/// Media of several kinds, some of which rays enter unscattered.
+fn with_media(bodies_only: bool) -> String {
+    let ball = |x: f32, bsdf: &str, medium: &str| {
+        format!(
+            "<shape type='sphere'><point name='center' x='{x}' y='0' z='0'/><float name='radius' value='0.5'/>\
+             <bsdf type='{bsdf}'/><medium type='homogeneous' name='interior'>\
+             <rgb name='sigma_t' value='2, 3, 2'/><float name='albedo' value='0.9'/>{medium}</medium></shape>"
+        )
+    };
+    let hg = "<phase type='hg'><float name='g' value='0.5'/></phase>";
+    let mut shapes = ball(-0.6, "dielectric", "") + &ball(0.6, "dielectric", hg);
+    if !bodies_only {
+        shapes += &ball(0.0, "null", "<phase type='rayleigh'/>");
+        shapes += "<emitter type='point'><point name='position' x='1' y='2' z='1'/></emitter>";
+    }
+    format!(
+        "<scene version='3.0.0'><integrator type='volpath'/><sensor type='perspective'>\
+         <transform name='to_world'><lookat origin='0, 0, 4' target='0, 0, 0' up='0, 1, 0'/></transform>\
+         <film type='hdrfilm'><integer name='width' value='40'/><integer name='height' value='30'/>\
+         <rfilter type='box'/></film></sensor><emitter type='constant'/>{shapes}</scene>"
+    )
+}
+
+/// Which paths are in a block of sixteen lanes changes no bit.
+#[test]
+fn a_crop_and_ranges_have_the_very_pixels_of_media() {
+    for bodies_only in [true, false] {
+        let folder = Folder::with(&with_media(bodies_only));
+        for integrator in ["volpath", "bdpt"] {
+            let options = format!("--integrator {integrator} --spp 8");
+            let whole = picture(&folder, "whole", &options);
+            for (x, y, width, height) in [(7, 5, 20, 19), (20, 15, 3, 2)] {
+                let crop = picture(&folder, "crop", &format!("{options} --crop {x},{y},{width},{height}"));
+                let part = whole.crop(x, y, width, height).expect("the crop is inside");
+                assert_eq!(bits(&crop), bits(&part), "{integrator}, {x},{y},{width},{height}");
+            }
+        }
+    }
+}
+
 /// A crop has exactly the pixels of the whole image, also for samplers whose pixels depend on each other.
 #[test]
 fn a_crop_has_the_very_pixels_of_the_whole_with_every_sampler() {

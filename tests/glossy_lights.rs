@@ -38,6 +38,7 @@ fn path(reuse: WhenPays, limits: PathLimits) -> Settings {
 
 /// bdpt chooses emitters by irradiance. More than sixteen emitters are in a tree.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn lobes_do_not_change_the_expectation() {
     let alpha = |alpha: f32| format!("<float name='alpha' value='{alpha}'/>");
     let conductor = |a: f32| format!("<bsdf type='roughconductor'>{}</bsdf>", alpha(a));

@@ -147,6 +147,35 @@ fn equal_cells_are_a_homogeneous_medium() {
     }
 }
 
+/// A ray that goes from fog into a grid of the same medium, and from there into fog, finds the light that it would find
+/// in fog alone. The emitter is in the grid, near the rays.
+#[test]
+fn rays_pass_from_fog_into_a_grid() {
+    let emitters = [Vec3::new(0.3, 0.4, 0.2), Vec3::new(0.1, 0.5, 2.5)];
+    let group = Means::of_images(2 * emitters.len(), 2e-2);
+    let sigma = Rgb::new(0.1, 0.2, 0.05);
+    let fog = Homogeneous { sigma_t: sigma, sigma_s: sigma * 0.8, phase: Phase::Isotropic };
+    for position in emitters {
+        let lit = |mut scene: Description, around: usize| {
+            scene.emitters = vec![Emitter::Point { position, intensity: Rgb::splat(9.0) }];
+            scene.media.push(Medium::Homogeneous(fog.clone()));
+            scene.sensors[0].medium = Some(around.into());
+            scene.shapes[0].to_world = DAffine3::IDENTITY.into();
+            scene.shapes[0].boundary.exterior = Some(around.into());
+            compiled(scene, AccelKind::Auto)
+        };
+        let values = (0..4 * 4 * 4).flat_map(|_| sigma.to_array()).collect();
+        let cells = grid([4, 4, 4], 3, values, FilterType::Nearest);
+        let varying = lit(filled(heterogeneous(cells, albedo(0.8), 1.0, Phase::Isotropic), 8.0), 1);
+        let same = lit(filled(Medium::Homogeneous(fog.clone()), 8.0), 1);
+        for max_depth in [Some(2), Some(4)] {
+            let [a, b] = [(&varying, 1), (&same, 2)]
+                .map(|(scene, seed)| render(scene, &volpath(max_depth), SamplerKind::Sobol, 4096, seed));
+            group.expect_same(&format!("{position}, {max_depth:?}"), &a, &b);
+        }
+    }
+}
+
 /// The aligned box of a needle that is rotated is 10^6 times as wide as the needle. Its bounds are found all the same.
 #[test]
 fn a_rotated_needle_fills_its_box() {

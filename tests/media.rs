@@ -465,6 +465,33 @@ const FOG: &str = "<scene version='3.0.0'><integrator type='volpath'/>
     <medium type='homogeneous' name='interior'><rgb name='sigma_t' value='1, 2, 3'/><phase type='hg'/></medium></shape>
     </scene>";
 
+/// Paths that are scattered until nothing is left of them have the light of those that end by Russian roulette. None is
+/// invalid, although their throughputs become as small as numbers can be.
+#[test]
+fn throughputs_that_vanish_are_valid() {
+    let settings = |rr_depth| Settings::Volpath(PathLimits { rr_depth, ..PathLimits::default() });
+    let bdpt = |rr_depth| {
+        let limits = PathLimits { rr_depth, ..PathLimits::default() };
+        Settings::Bdpt(BdptSettings { limits, ..BdptSettings::default() })
+    };
+    let group = Means::of_images(2, 3e-2);
+    for material in [Material::Null(Null), glass(1.5)] {
+        let mut scene = spot(DVec3::Z * 5.0);
+        let dense = medium(&mut scene, [0.5, 0.4, 0.3], [0.5, 0.5, 0.3], HG);
+        filled(&mut scene, Shape::Cube, DAffine3::from_scale(DVec3::splat(200.0)), material, dense);
+        scene.sensors[0].to_world = camera(DVec3::Z * 300.0, DVec3::ZERO, 1e-3, 4).to_world;
+        let compiled = compiled(scene, AccelKind::Auto);
+        let render = |settings: Settings, spp, seed| {
+            let rendered = render(&compiled, &settings, SamplerKind::Sobol, spp, seed);
+            assert_eq!(rendered.invalid_count, 0, "{settings:?}");
+            rendered
+        };
+        let [a, b] = [(5, 1), (1_000_000, 2)].map(|(rr_depth, seed)| render(settings(rr_depth), 4096, seed));
+        group.expect_same("volpath", &a, &b);
+        render(bdpt(1_000_000), 32, 3);
+    }
+}
+
 #[test]
 fn threads_change_no_bit_of_media() {
     let folder = Folder::with(FOG);

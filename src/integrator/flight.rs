@@ -35,12 +35,14 @@ pub struct Collision {
     pub distance: f32,
 }
 
-/// Parts of at most sixteen rays in homogeneous media that may scatter them.
+/// Parts of at most sixteen rays in media that may scatter them: homogeneous ones, but for a mask.
 pub struct Entries<'a> {
     /// The indices of the rays.
     pub index: [usize; LANES],
     /// A mask of the lanes that count.
     pub lanes: u32,
+    /// A mask of the lanes in grids that may scatter them.
+    pub grids: u32,
     /// The media. Other lanes may have none.
     pub media: [Option<MediumId>; LANES],
     /// Their coefficients.
@@ -57,7 +59,7 @@ pub struct Entries<'a> {
     pub ahead: &'a dyn Fn(usize) -> Option<SurfaceInteraction>,
 }
 
-/// What is called for parts of rays in homogeneous media that may scatter them, before the flights through them.
+/// What is called for parts of rays in media that may scatter them, before the flights through them.
 pub type Enter<'a> = dyn FnMut(&Entries<'_>) + 'a;
 
 /// A ray on its way through media, from one boundary to the next.
@@ -219,7 +221,7 @@ impl Journeys {
         });
         let ahead = |k: usize| boundaries.at(k).or_else(|| end(k));
         let mut scattered = 0;
-        if homogeneous.iter().any(Option::is_some) {
+        if in_medium.iter().any(Option::is_some) {
             let coefficients = CoefficientsX16::of(&homogeneous);
             let of = index.map(|i| &self.list[i]);
             let mut flight = FlightX16 {
@@ -229,12 +231,18 @@ impl Journeys {
                 left: f32x16::new(of.map(|journey| journey.left)),
             };
             if let Some(enter) = &mut enter {
-                let sampled = flight.left.simd_lt(f32x16::splat(f32::INFINITY)) & coefficients.scatter();
-                let lanes = sampled.to_bitmask() & active;
-                if lanes != 0 {
+                let sampled = flight.left.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & active;
+                let lanes = sampled & coefficients.scatter().to_bitmask();
+                let is_grid = |k: usize| match in_medium[k] {
+                    Some(Medium::Heterogeneous(medium)) => medium.scatters(),
+                    _ => false,
+                };
+                let grids = bits(sampled & !lanes).fold(0, |grids, k| grids | u32::from(is_grid(k)) << k);
+                if lanes | grids != 0 {
                     enter(&Entries {
                         index,
                         lanes,
+                        grids,
                         media: ids,
                         coefficients: &coefficients,
                         rays,

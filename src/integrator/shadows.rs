@@ -49,7 +49,8 @@ impl ShadowQueue {
         self.push_one(ray, slot, value);
     }
 
-    /// Calls `add` for each entry whose ray is unoccluded, in the order of the queue, and empties the queue.
+    /// Calls `add` for each entry whose ray is unoccluded, and empties the queue. Rays that meet no medium come first,
+    /// then those that stay in one homogeneous medium, then the others, in the order of the queue each.
     pub(super) fn finish(
         &mut self,
         scene: &Scene,
@@ -93,18 +94,14 @@ impl ShadowQueue {
         });
         journeys.clear();
         let (mut on_journeys, mut first) = (Vec::new(), Vec::new());
-        let mut simple = Simple::default();
+        // What is added to an entry is added in the same order, whatever else is in the queue.
+        let mut simple = Vec::new();
         for (k, &(i, departure)) in departures.iter().enumerate() {
             let boundary = boundaries.as_ref().and_then(|boundaries| boundaries[k]);
             let (slot, value) = pending[i];
             match media.get(departure.medium) {
                 None if boundary.is_none() => add(slot as usize, value),
-                Some(Medium::Homogeneous(medium)) if boundary.is_none() => {
-                    simple.push(i, medium);
-                    if simple.count == LANES {
-                        simple.finish(rays, pending, &mut add);
-                    }
-                }
+                Some(Medium::Homogeneous(medium)) if boundary.is_none() => simple.push((i, medium)),
                 _ => {
                     journeys.push(rays[i], departure, value);
                     first.push(boundary);
@@ -112,7 +109,9 @@ impl ShadowQueue {
                 }
             }
         }
-        simple.finish(rays, pending, &mut add);
+        for block in simple.chunks(LANES) {
+            add_in_one_medium(block, rays, pending, &mut add);
+        }
         journeys.follow(scene, media, (0..on_journeys.len()).collect(), Some(&first), |_| None, None);
         for (k, slot) in on_journeys.into_iter().enumerate() {
             add(slot as usize, journeys.beta(k));
@@ -120,33 +119,20 @@ impl ShadowQueue {
     }
 }
 
-/// At most sixteen rays, each of which stays in one homogeneous medium.
-#[derive(Default)]
-struct Simple<'a> {
-    index: [usize; LANES],
-    media: [Option<&'a Homogeneous>; LANES],
-    count: usize,
-}
-
-impl<'a> Simple<'a> {
-    fn push(&mut self, i: usize, medium: &'a Homogeneous) {
-        (self.index[self.count], self.media[self.count]) = (i, Some(medium));
-        self.count += 1;
-    }
-
-    /// Adds the values of the rays times the transmittances.
-    fn finish(&mut self, rays: &[Ray], pending: &[(u32, Rgb)], mut add: impl FnMut(usize, Rgb)) {
-        let Simple { index, media, count } = std::mem::take(self);
-        if count == 0 {
-            return;
-        }
-        let lane = |k: usize| k.min(count - 1);
-        let block = RayX16::load(&each_lane(|k| rays[index[lane(k)]]), 0);
-        let lengths = block.t_max * block.d.length_squared().sqrt();
-        let transmittance = CoefficientsX16::of(&each_lane(|k| media[lane(k)])).transmittance(lengths);
-        for k in 0..count {
-            let (slot, value) = pending[index[k]];
-            add(slot as usize, value * Rgb::from(transmittance.map(|channel| channel.as_array()[k])));
-        }
+/// Adds the values of at most sixteen rays, given by their indices, times the transmittances of the media in which they
+/// stay.
+fn add_in_one_medium(
+    block: &[(usize, &Homogeneous)],
+    rays: &[Ray],
+    pending: &[(u32, Rgb)],
+    mut add: impl FnMut(usize, Rgb),
+) {
+    let of = each_lane(|k| block[k.min(block.len() - 1)]);
+    let of_block = RayX16::load(&of.map(|(i, _)| rays[i]), 0);
+    let lengths = of_block.t_max * of_block.d.length_squared().sqrt();
+    let transmittance = CoefficientsX16::of(&of.map(|(_, medium)| Some(medium))).transmittance(lengths);
+    for (k, (i, _)) in block.iter().enumerate() {
+        let (slot, value) = pending[*i];
+        add(slot as usize, value * Rgb::from(transmittance.map(|channel| channel.as_array()[k])));
     }
 }

@@ -115,9 +115,9 @@ impl CoefficientsX16 {
             true => [one; 3],
             false => depths.map(|depth| exp_x16(least - depth)),
         };
-        let density = |c: usize| choice[c] * scattered.select(self.sigma_t[c], one) * relative[c];
-        let density = density(0) + density(1) + density(2);
-        let mut factor = (choice[0] + choice[1] + choice[2]) / density;
+        let probability = probabilities(choice);
+        let density = |c: usize| probability[c] * scattered.select(self.sigma_t[c], one) * relative[c];
+        let mut factor = one / (density(0) + density(1) + density(2));
         if !sampled.all() {
             let transmittance = least.simd_lt(f32x16::splat(OPAQUE)).select(exp_x16(-least), zero);
             factor = sampled.select(factor, transmittance);
@@ -139,7 +139,7 @@ impl CoefficientsX16 {
 pub struct FlightX16 {
     /// The throughputs of the paths by channel.
     pub beta: [f32x16; 3],
-    /// What the probabilities of the channels are in proportion to.
+    /// The probabilities of the channels.
     pub choice: [f32x16; 3],
     /// The chosen channels: 0, 1 or 2.
     pub channel: f32x16,
@@ -154,7 +154,8 @@ impl FlightX16 {
     #[inline(always)]
     pub fn sampled(beta: [f32x16; 3], u: [f32x16; 2], at: Vec3x16) -> Self {
         let left = optical_depths(u[1], lower_digits_x16(u[1], at));
-        FlightX16 { beta, choice: beta, channel: chosen_channel(&beta, u[0]), left }
+        let choice = probabilities(&beta);
+        FlightX16 { beta, choice, channel: chosen_channel(&choice, u[0]), left }
     }
 
     /// Continues through media over the distances `lengths`. Returns a mask of the flights that end, and the distances
@@ -173,6 +174,13 @@ impl FlightX16 {
         self.left = sampled.select(rest.fast_max(f32x16::splat(f32::MIN_POSITIVE)), self.left);
         (scattered, lengths)
     }
+}
+
+/// Returns weights of channels divided by their sum, which may be so small that no product with it is exact.
+#[inline(always)]
+fn probabilities(weights: &[f32x16; 3]) -> [f32x16; 3] {
+    let sum = weights[0] + weights[1] + weights[2];
+    weights.map(|weight| weight / sum)
 }
 
 /// Returns channels (0, 1 or 2) chosen in proportion to `choice` by the random numbers `u`.
@@ -254,10 +262,15 @@ impl<'a> PhaseX16<'a> {
     /// Samples directions after scattering; `d` are the unit directions before it.
     #[inline(always)]
     pub fn sample(&self, d: Vec3x16, u: [f32x16; 2]) -> Vec3x16 {
-        let mut wi = match self.isotropic {
-            true => square_to_sphere_x16(u),
-            false => deflected(d, self.g, u),
-        };
+        // The direction of a lane does not depend on those of the others.
+        let isotropic = self.g.simd_eq(f32x16::ZERO);
+        let mut wi = Vec3x16::default();
+        if isotropic.any() {
+            wi = square_to_sphere_x16(u);
+        }
+        if !self.isotropic {
+            wi = Vec3x16::select(isotropic, wi, deflected(d, self.g, u));
+        }
         for i in bits(self.other_lanes) {
             let [x, y] = u.map(|u| u.as_array()[i]);
             wi.set_lane(i, self.phases[i].sample(d.lane(i), Vec2::new(x, y)));
@@ -324,7 +337,11 @@ mod tests {
             let found = lanes.sample(Vec3x16::splat(d), numbers);
             let values = lanes.eval(Vec3x16::splat(d), found);
             for (i, phase) in phases.iter().enumerate() {
-                let exact = phase.sample(d, Vec2::new(u, v));
+                let exact = match phase {
+                    Phase::HenyeyGreenstein { g: 0.0 } => &Phase::Isotropic,
+                    phase => phase,
+                };
+                let exact = exact.sample(d, Vec2::new(u, v));
                 let wi = found.lane(i);
                 assert!((wi - exact).length() < 1e-5, "{phase:?} {u} {v}: {wi}, {exact}");
                 let Some(g) = &phase.asymmetry() else { continue };

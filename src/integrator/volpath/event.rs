@@ -135,6 +135,7 @@ impl Tracer<'_> {
             lanes |= u32::from(useful) << k;
             *first = First::Behind;
         }
+        bits(entries.grids).for_each(|k| firsts[index[k]] = First::Behind);
         let legs = LegsX16::new(entries);
         let of = |numbers: &[f32]| f32x16::new(each_lane(|k| numbers[index[k]]));
         let [u_choice, u_point] = numbers.emitter_point.each_ref().map(|numbers| of(numbers));
