@@ -255,8 +255,8 @@ impl Journeys {
             }
             let (ended, distance) = flight.advance(&coefficients, length * speed);
             scattered = ended.to_bitmask() & active;
-            for k in 0..lanes {
-                let journey = &mut self.list[index[k]];
+            for (k, i) in index.into_iter().enumerate().take(lanes) {
+                let journey = &mut self.list[i];
                 journey.beta = std::array::from_fn(|c| flight.beta[c].as_array()[k]);
                 journey.choice = std::array::from_fn(|c| flight.choice[c].as_array()[k]);
                 journey.left = flight.left.as_array()[k];

@@ -1,6 +1,6 @@
 //! Flights of a wave of paths through media that rays may enter without being scattered.
 //!
-//! A wave of rays goes from boundary to boundary together ([`follow`]). The paths that media scatter wait for the
+//! A wave of rays goes from boundary to boundary together ([`Journeys`]). The paths that media scatter wait for the
 //! others, which are shaded at the surfaces that they meet.
 
 use super::Path;
@@ -113,7 +113,9 @@ impl<'a> Between<'a> for Flights<'a> {
         if let Some(passed) = &passed {
             boundaries.extend(travellers.iter().map(|&i| passed[i]));
         }
-        (keys.clear(), slots.clear(), journeys.clear());
+        keys.clear();
+        slots.clear();
+        journeys.clear();
         for &i in &*travellers {
             keys.push(paths.keys[i]);
             slots.push(paths.slots[i]);

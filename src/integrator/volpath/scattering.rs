@@ -97,9 +97,9 @@ impl Tracer<'_> {
             let count = (paths.len() - first).min(LANES);
             let of: [Scattered; LANES] = each_lane(|i| paths[first + i.min(count - 1)]);
             let (mut p, mut d) = (Vec3x16::default(), Vec3x16::default());
-            for i in 0..LANES {
-                p.set_lane(i, of[i].p);
-                d.set_lane(i, of[i].d);
+            for (i, path) in of.iter().enumerate() {
+                p.set_lane(i, path.p);
+                d.set_lane(i, path.d);
             }
             let d = d / d.length_squared().sqrt();
             let phases = PhaseX16::of(&of.map(|path| self.media.phase(path.medium)));
