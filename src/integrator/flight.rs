@@ -96,8 +96,8 @@ impl Journeys {
     /// Adds a ray with a throughput. Only the transmittance counts, unless its flight is [sampled](Self::sample).
     pub fn push(&mut self, leg: Ray, departure: Departure, beta: Rgb) {
         let beta = beta.to_array();
-        let (channel, left) = (0.0, f32::INFINITY);
-        self.list.push(Journey { leg, before: 0.0, departure, beta, choice: beta, channel, left });
+        let (choice, channel, left) = ([1.0, 0.0, 0.0], 0.0, f32::INFINITY);
+        self.list.push(Journey { leg, before: 0.0, departure, beta, choice, channel, left });
         self.collisions.push(None);
     }
 
@@ -110,8 +110,9 @@ impl Journeys {
             let beta = std::array::from_fn(|c| f32x16::new(of.map(|journey| journey.beta[c])));
             let mut at = Vec3x16::default();
             (0..LANES).for_each(|k| at.set_lane(k, of[k].leg.o));
-            let FlightX16 { channel, left, .. } = FlightX16::sampled(beta, u, at);
+            let FlightX16 { choice, channel, left, .. } = FlightX16::sampled(beta, u, at);
             for (k, journey) in journeys.iter_mut().enumerate() {
+                journey.choice = std::array::from_fn(|c| choice[c].as_array()[k]);
                 (journey.channel, journey.left) = (channel.as_array()[k], left.as_array()[k]);
             }
         }
