@@ -115,16 +115,24 @@ impl CoefficientsX16 {
             true => [one; 3],
             false => depths.map(|depth| exp_x16(least - depth)),
         };
-        let probability = probabilities(choice);
-        let density = |c: usize| probability[c] * scattered.select(self.sigma_t[c], one) * relative[c];
-        let mut factor = one / (density(0) + density(1) + density(2));
+        let extinction = |c: usize| scattered.select(self.sigma_t[c], one);
+        // Where all channels are the same, nothing is rounded: without absorption, throughputs stay what they are.
+        let mut density = extinction(0);
+        if !self.grey {
+            let [r, g, b] = self.sigma_t;
+            let probability = probabilities(choice);
+            let of = |c: usize| probability[c] * extinction(c) * relative[c];
+            density = (r.simd_eq(g) & g.simd_eq(b)).select(density, of(0) + of(1) + of(2));
+        }
+        let mut weights =
+            std::array::from_fn(|c| scattered.select(self.sigma_s[c], one) * relative[c] / density);
+        let mut choices = relative.map(|relative| relative / density);
         if !sampled.all() {
             let transmittance = least.simd_lt(f32x16::splat(OPAQUE)).select(exp_x16(-least), zero);
-            factor = sampled.select(factor, transmittance);
+            weights = std::array::from_fn(|c| sampled.select(weights[c], relative[c] * transmittance));
+            choices = choices.map(|choice| sampled.select(choice, one));
         }
-        let passing = relative.map(|relative| relative * factor);
-        let weight = |c: usize| scattered.select(self.sigma_s[c], one) * passing[c];
-        [std::array::from_fn(weight), passing.map(|passing| sampled.select(passing, one))]
+        [weights, choices]
     }
 }
 
