@@ -105,9 +105,9 @@ fn with_media(bodies_only: bool) -> String {
     )
 }
 
-/// Which paths are in a block of sixteen lanes changes no bit.
+/// A crop has other paths side by side in a block of sixteen lanes. That changes no bit.
 #[test]
-fn a_crop_and_ranges_have_the_very_pixels_of_media() {
+fn a_crop_has_the_very_pixels_of_media() {
     for bodies_only in [true, false] {
         let folder = Folder::with(&with_media(bodies_only));
         for integrator in ["volpath", "bdpt"] {

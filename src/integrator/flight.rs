@@ -2,7 +2,7 @@
 
 use crate::accel::Hit;
 use crate::color::Rgb;
-use crate::emitter::{EmitterSample, ShadowTarget};
+use crate::emitter::{EmitterSample, EmitterSampleX16, ShadowTarget};
 use crate::ids::MediumId;
 use crate::math::lanes::{bits, each_lane, f32x16, load, mask_from_bits};
 use crate::math::ray::offset_origin;
@@ -11,7 +11,10 @@ use crate::medium::lanes::{CoefficientsX16, FlightX16};
 use crate::medium::{Heterogeneous, Medium, Segment, Stream};
 use crate::sampling::SampleKey;
 use crate::sampling::hash::combine;
-use crate::scene::{Scene, SceneMedia, SurfaceInteraction, SurfaceInteractionX16};
+use crate::scene::{Facet, Scene, SceneMedia, SurfaceInteraction, SurfaceInteractionX16};
+
+/// The part of coordinates and lengths that is much more than their rounding.
+const ROUNDING: f32 = 1e-4;
 
 /// The start of a ray in a medium.
 #[derive(Clone, Copy, Debug)]
@@ -35,31 +38,31 @@ pub struct Collision {
     pub distance: f32,
 }
 
-/// Parts of at most sixteen rays in media that may scatter them: homogeneous ones, but for a mask.
+/// At most sixteen rays that enter media. The flights along them are sampled, and have not gone on in these media yet.
 pub struct Entries<'a> {
     /// The indices of the rays.
     pub index: [usize; LANES],
-    /// A mask of the lanes that count.
+    /// A mask of the lanes whose ray enters a homogeneous medium that scatters.
     pub lanes: u32,
-    /// A mask of the lanes in grids that may scatter them.
+    /// A mask of the lanes whose ray enters a grid that scatters.
     pub grids: u32,
-    /// The media. Other lanes may have none.
+    /// The media.
     pub media: [Option<MediumId>; LANES],
-    /// Their coefficients.
+    /// The coefficients of the homogeneous media.
     pub coefficients: &'a CoefficientsX16,
     /// The rays.
     pub rays: &'a RayX16,
     /// Their unit directions.
     pub directions: Vec3x16,
-    /// The lengths of the parts.
+    /// The distances up to where the rays leave the media.
     pub lengths: f32x16,
-    /// The flights at their starts.
+    /// The flights.
     pub flight: &'a FlightX16,
-    /// The surface at the end of a lane's part, if there is one.
+    /// The surface at which the ray of a lane leaves its medium, if there is one.
     pub ahead: &'a dyn Fn(usize) -> Option<SurfaceInteraction>,
 }
 
-/// What is called for parts of rays in media that may scatter them, before the flights through them.
+/// What is called when rays enter media that scatter.
 pub type Enter<'a> = dyn FnMut(&Entries<'_>) + 'a;
 
 /// A ray on its way through media, from one boundary to the next.
@@ -308,8 +311,7 @@ impl Journeys {
         let (o, d) = (*o, *d);
         let t = (distance / f64::from(d.length())) as f32;
         let p = o + d * t;
-        let is_close =
-            (segment.length - distance) as f32 <= rounding(o, segment.direction * segment.length as f32);
+        let is_close = (segment.length - distance) as f32 <= rounding(o, segment.length as f32);
         let p = if is_close { before_end(p, ahead().as_ref(), d) } else { p };
         self.collisions[i] = Some(Collision { medium: id, p, t: *before + t, distance: distance as f32 });
         true
@@ -391,14 +393,14 @@ pub fn stream(key: SampleKey, bounce: u32, purpose: u32) -> Stream {
 pub fn medium_after(
     scene: &Scene,
     media: &SceneMedia,
-    at: &SurfaceInteraction,
+    Facet { shape, material, ng }: Facet,
     (d, wi): (Vec3, Vec3),
     medium: Option<MediumId>,
 ) -> Option<MediumId> {
-    let crosses = (at.ng.dot(d) < 0.0) == (at.ng.dot(wi) < 0.0);
+    let crosses = (ng.dot(d) < 0.0) == (ng.dot(wi) < 0.0);
     // Nothing is transmitted by a two-sided material. Its normals are turned to the ray.
-    let crosses = crosses && !scene.materials.get(at.material).two_sided;
-    if crosses { media.beside(at, wi, medium) } else { medium }
+    let crosses = crosses && !scene.materials.get(material).two_sided;
+    if crosses { media.on_side(shape, wi.dot(ng) > 0.0, medium) } else { medium }
 }
 
 /// Returns the ray from a point in a medium to that of an emitter sample.
@@ -407,6 +409,12 @@ pub fn ray_to_emitter(p: Vec3, sample: &EmitterSample, time: f32) -> Ray {
         ShadowTarget::Point(target) => Ray { o: p, d: target - p, t_max: 1.0, time },
         ShadowTarget::Infinity => Ray { time, ..Ray::new(p, sample.wi) },
     }
+}
+
+/// Computes [`ray_to_emitter`] for sixteen points.
+pub fn rays_to_emitters(p: Vec3x16, sample: &EmitterSampleX16, time: f32x16) -> RayX16 {
+    let t_max = sample.at_infinity.select(f32x16::splat(f32::INFINITY), f32x16::ONE);
+    RayX16 { o: p, t_max, d: Vec3x16::select(sample.at_infinity, sample.wi, sample.target - p), time }
 }
 
 /// Returns the surface points that rays hit.
@@ -430,16 +438,16 @@ fn normal_along(at: &SurfaceInteraction, d: Vec3) -> Vec3 {
     if at.ng.dot(d) < 0.0 { -at.ng } else { at.ng }
 }
 
-/// Returns a distance much longer than that by which rounding moves a point of a ray from `o` that ends at `o + to`,
-/// unless a surface is a thousand times as large.
-fn rounding(o: Vec3, to: Vec3) -> f32 {
-    1e-4 * (o.abs().max_element() + to.length())
+/// Returns a distance much longer than that by which rounding moves a point of a ray that starts at `o` and has the
+/// length `length`, unless a surface is a thousand times as large.
+fn rounding(o: Vec3, length: f32) -> f32 {
+    ROUNDING * (o.abs().max_element() + length)
 }
 
-/// Computes [`rounding`] for sixteen rays of the given lengths.
+/// Computes [`rounding`] for sixteen rays.
 pub fn rounding_x16(o: Vec3x16, length: f32x16) -> f32x16 {
     let o = o.abs();
-    f32x16::splat(1e-4) * (o.x.fast_max(o.y).fast_max(o.z) + length)
+    f32x16::splat(ROUNDING) * (o.x.fast_max(o.y).fast_max(o.z) + length)
 }
 
 /// Returns whether a ray in the direction `d` hits the surface `end` before it has passed the boundary `at`: a ray that

@@ -92,10 +92,10 @@ impl CoefficientsX16 {
 
     /// Returns the factors of the throughputs by channel for flights over `lengths`, which media ended by scattering in
     /// the lanes of the mask `scattered`: the transmittance, and the scattering coefficient where they scatter, divided
-    /// by the probability or density over all channels, which are chosen in proportion to `choice`.
+    /// by the probability or density over all channels, which are chosen with the probabilities `choice`.
     ///
-    /// Returns the factors of `choice`, too, which keep its sum: the channels of flights that go on in the next medium
-    /// are then distributed in proportion to it.
+    /// Returns the factors of `choice`, too: the results are the probabilities of the channels of flights that go on in
+    /// the next medium.
     #[inline(always)]
     pub fn transport(
         &self,
@@ -120,8 +120,7 @@ impl CoefficientsX16 {
         let mut density = extinction(0);
         if !self.grey {
             let [r, g, b] = self.sigma_t;
-            let probability = probabilities(choice);
-            let of = |c: usize| probability[c] * extinction(c) * relative[c];
+            let of = |c: usize| choice[c] * extinction(c) * relative[c];
             density = (r.simd_eq(g) & g.simd_eq(b)).select(density, of(0) + of(1) + of(2));
         }
         let mut weights =
@@ -184,9 +183,10 @@ impl FlightX16 {
     }
 }
 
-/// Returns weights of channels divided by their sum, which may be so small that no product with it is exact.
+/// Returns the weights of channels divided by their sum. It may be as small as numbers can be, so products with the
+/// weights themselves could be 0.
 #[inline(always)]
-fn probabilities(weights: &[f32x16; 3]) -> [f32x16; 3] {
+pub fn probabilities(weights: &[f32x16; 3]) -> [f32x16; 3] {
     let sum = weights[0] + weights[1] + weights[2];
     weights.map(|weight| weight / sum)
 }
@@ -359,7 +359,7 @@ mod tests {
                 let square = (1.0 - g) * (1.0 - g) + 2.0 * g * versine;
                 let exact = (1.0 - g * g) / (4.0 * std::f64::consts::PI * square * square.sqrt());
                 let found = f64::from(values.as_array()[i]);
-                // One of 10⁷ parts of a component is as much as 10⁻³ of the width of the narrowest lobes.
+                // Rounding turns a direction by up to 10⁻³ of the width of the narrowest lobes.
                 assert!((found / exact - 1.0).abs() < 3e-3, "{phase:?} {u} {v}: {found}, {exact}");
             }
         }

@@ -50,7 +50,23 @@ pub struct SurfaceInteractionX16 {
     pub material: [MaterialId; LANES],
 }
 
+/// What decides which media are on the sides of a surface point.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet {
+    /// The shape.
+    pub shape: ShapeId,
+    /// Its material.
+    pub material: MaterialId,
+    /// The geometric normal of the front side.
+    pub ng: Vec3,
+}
+
 impl SurfaceInteraction {
+    /// Returns what decides which media are on the sides.
+    pub fn facet(&self) -> Facet {
+        Facet { shape: self.shape(), material: self.material, ng: self.ng }
+    }
+
     /// Returns the shape.
     pub fn shape(&self) -> ShapeId {
         ShapeId(self.hit.geometry)
@@ -58,6 +74,12 @@ impl SurfaceInteraction {
 }
 
 impl SurfaceInteractionX16 {
+    /// Returns what decides which media are on the sides in one lane.
+    #[inline]
+    pub fn facet(&self, i: usize) -> Facet {
+        Facet { shape: self.shape(i), material: self.material[i], ng: self.ng.lane(i) }
+    }
+
     /// Returns the shape of one lane.
     #[inline]
     pub fn shape(&self, i: usize) -> ShapeId {

@@ -12,7 +12,7 @@ pub mod needs;
 
 pub use compile::{CompileOptions, CompileReport, compile, compile_within};
 pub use description::Description;
-pub use interaction::{SurfaceInteraction, SurfaceInteractionX16};
+pub use interaction::{Facet, SurfaceInteraction, SurfaceInteractionX16};
 pub use media::SceneMedia;
 pub use names::SceneNames;
 pub use needs::Needs;

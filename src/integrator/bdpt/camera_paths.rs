@@ -313,7 +313,7 @@ impl CameraPaths<'_> {
             let (ray, from) = (rays[i], block.at.p.lane(i));
             let d = block.rays.d.lane(i);
             let medium = self.media.and_then(|media| {
-                medium_after(self.scene, media, &block.at.lane(i), (d, ray.d), paths[i].medium)
+                medium_after(self.scene, media, block.at.facet(i), (d, ray.d), paths[i].medium)
             });
             let is_spread = paths[i].finite || finite >> i & 1 != 0;
             next.push(Subpath {

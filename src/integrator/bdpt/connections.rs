@@ -231,7 +231,7 @@ impl CameraPaths<'_> {
                 continue;
             };
             let directions = (block.rays.d.lane(i), ray.d);
-            let medium = medium_after(self.scene, media, &block.at.lane(i), directions, path.medium);
+            let medium = medium_after(self.scene, media, block.at.facet(i), directions, path.medium);
             let random = stream(key(path.key), *depth, purpose);
             shadows.push_through_media(ray, path.slot, value, Departure { medium, random });
         }

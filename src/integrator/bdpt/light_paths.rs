@@ -378,7 +378,7 @@ fn scatter(
         });
         let (d, on) = (block.rays.d.lane(i), rays[i].d);
         let medium = match media {
-            Some(media) => medium_after(scene, media.list, &at.lane(i), (d, on), paths[i].medium),
+            Some(media) => medium_after(scene, media.list, at.facet(i), (d, on), paths[i].medium),
             None => None,
         };
         let scattered = paths[i].finite + (finite >> i & 1);

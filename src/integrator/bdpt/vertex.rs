@@ -163,7 +163,7 @@ impl<'a> Vertex<'a> {
     ) -> Option<MediumId> {
         match self {
             Vertex::Surface(LightVertex { at, wo, .. }) => {
-                medium_after(scene, media, at, (-at.frame.to_world(*wo), w), medium)
+                medium_after(scene, media, at.facet(), (-at.frame.to_world(*wo), w), medium)
             }
             Vertex::Medium(_) => medium,
         }

@@ -88,6 +88,6 @@ impl Sides<'_> {
             return before;
         }
         let directions = (block.rays.d.lane(i), wi.lane(i));
-        medium_after(self.scene, self.media, &block.at.lane(i), directions, before)
+        medium_after(self.scene, self.media, block.at.facet(i), directions, before)
     }
 }

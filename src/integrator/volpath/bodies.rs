@@ -7,7 +7,7 @@
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::ids::MediumId;
-use crate::integrator::flight::before_end;
+use crate::integrator::flight::{before_end, rounding_x16};
 use crate::integrator::lighting::{TechniqueCounts, emitted_at};
 use crate::integrator::path::between::{Between, Sides};
 use crate::integrator::roulette::play_each_x16;
@@ -15,7 +15,7 @@ use crate::integrator::worker::{InMedia, PathWave, draw_2d, intersect};
 use crate::integrator::{PathLimits, Radiance, Worker};
 use crate::math::lanes::{LANES, bits, each_lane, f32x16, load, mask_from_bits};
 use crate::math::{Ray, RayX16};
-use crate::medium::lanes::{CoefficientsX16, PhaseX16, chosen_channel, optical_depths};
+use crate::medium::lanes::{CoefficientsX16, PhaseX16, chosen_channel, optical_depths, probabilities};
 use crate::medium::{Homogeneous, Medium, Phase};
 use crate::sampling::hash::{combine, digits_below, lower_digits_x16, pcg3d, to_unit};
 use crate::sampling::{Dimension, SampleKey};
@@ -23,9 +23,6 @@ use crate::scene::{Scene, SceneMedia};
 
 /// Selects the random numbers of events in bodies.
 const EVENTS: u32 = 0x626f_6479;
-/// Rounding moves the points of rays by much less than this part of their coordinates and distances, unless a surface
-/// is a thousand times as large.
-const CLOSE: f32 = 1e-4;
 
 /// The media of a scene, which fill bodies.
 #[derive(Clone, Copy)]
@@ -166,7 +163,8 @@ impl<'a> Bodies<'a> {
         let coefficients = self.coefficients(&in_media);
         let sampled = self.sampled(&coefficients, depth, &in_media);
         let scattered = end.simd_lt(surface);
-        let [weights, _] = coefficients.transport(&beta, end.fast_min(surface) * speed, sampled, scattered);
+        let [weights, _] =
+            coefficients.transport(&probabilities(&beta), end.fast_min(surface) * speed, sampled, scattered);
         let beta = std::array::from_fn(|c| beta[c] * weights[c]);
         let scattered = scattered.to_bitmask() & active;
         for i in bits(active & !scattered) {
@@ -180,9 +178,8 @@ impl<'a> Bodies<'a> {
             return to;
         }
         let mut p = rays.o + rays.d * end;
-        let largest = p.x.abs().fast_max(p.y.abs()).fast_max(p.z.abs());
-        let rounding = f32x16::splat(CLOSE) * (end + largest / speed);
-        for i in bits((surface - end).simd_lt(rounding).to_bitmask() & scattered) {
+        let close = ((surface - end) * speed).simd_le(rounding_x16(rays.o, surface * speed));
+        for i in bits(close.to_bitmask() & scattered) {
             if let Some(hit) = found[i] {
                 let ray = walkers.rays[first + i];
                 let at = self.scene.interaction(&ray, &hit);

@@ -2,10 +2,10 @@
 
 use crate::color::Rgb;
 use crate::emitter::EmitterSampleX16;
-use crate::integrator::flight::Departure;
+use crate::integrator::flight::{Departure, rays_to_emitters};
 use crate::integrator::shadows::ShadowQueue;
 use crate::math::lanes::{LANES, bits};
-use crate::math::{RayX16, Vec3x16, f32x16};
+use crate::math::{Vec3x16, f32x16};
 
 /// Points in media from which shadow rays start.
 pub struct Origins {
@@ -33,13 +33,7 @@ impl Origins {
         if lanes == 0 {
             return;
         }
-        let rays = RayX16 {
-            o: self.p,
-            t_max: sample.at_infinity.select(f32x16::splat(f32::INFINITY), f32x16::ONE),
-            d: Vec3x16::select(sample.at_infinity, sample.wi, sample.target - self.p),
-            time: self.time,
-        };
-        let rays = rays.to_rays();
+        let rays = rays_to_emitters(self.p, sample, self.time).to_rays();
         for i in bits(lanes) {
             let value = Rgb::from(value.map(|channel| channel.as_array()[i]));
             shadows.push_through_media(rays[i], self.slots[i], value, self.departures[i]);

@@ -10,7 +10,7 @@
 use crate::emitter::{LightSelection, LitRegion};
 use crate::integrator::flight::Entries;
 use crate::math::Vec3;
-use crate::math::functions::{angle_x16, exp_x16};
+use crate::math::functions::angle_x16;
 use crate::math::lanes::{LANES, Vec3x16, f32x16, mask_from_bits};
 use crate::medium::exponentials;
 use crate::sampling::hash::lower_digits_x16;
@@ -26,8 +26,7 @@ pub struct Leg {
     origin: Vec3,
     direction: Vec3,
     length: f32,
-    /// The extinction coefficients, and what the probabilities are in proportion to with which a flight is sampled by
-    /// them.
+    /// The extinction coefficients, and the probabilities with which a flight is sampled by them.
     sigma_t: [f32; 3],
     choice: [f32; 3],
     /// An emitter, and its angles.
@@ -50,8 +49,6 @@ pub struct LegsX16 {
     length: f32x16,
     sigma_t: [f32x16; 3],
     choice: [f32x16; 3],
-    /// The extinction of the channel that reaches farthest.
-    clearest: f32x16,
 }
 
 /// What emitters light, in sixteen lanes.
@@ -83,14 +80,12 @@ impl RegionsX16 {
 impl LegsX16 {
     /// Returns the parts of rays on which flights begin to be sampled.
     pub fn new(entries: &Entries<'_>) -> Self {
-        let sigma_t = entries.coefficients.sigma_t;
         LegsX16 {
             origin: entries.rays.o,
             direction: entries.directions,
             length: entries.lengths,
-            sigma_t,
+            sigma_t: entries.coefficients.sigma_t,
             choice: entries.flight.choice,
-            clearest: sigma_t[0].fast_min(sigma_t[1]).fast_min(sigma_t[2]),
         }
     }
 
@@ -106,19 +101,10 @@ impl LegsX16 {
         self.origin + self.direction * distance
     }
 
-    /// Returns the transmittances from the starts to distances.
-    pub fn transmittance(&self, distance: f32x16) -> [f32x16; 3] {
-        let [r, g, b] = self.sigma_t;
-        let first = exp_x16(-(r * distance));
-        let of = |sigma: f32x16| if sigma == r { first } else { exp_x16(-(sigma * distance)) };
-        [first, of(g), of(b)]
-    }
-
     /// Returns the densities per unit length with which flights end at distances, given the transmittances up to there.
     pub fn flight_density(&self, transmittance: &[f32x16; 3]) -> f32x16 {
-        let [r, g, b] = self.choice;
         let of = |c: usize| self.choice[c] * self.sigma_t[c] * transmittance[c];
-        (of(0) + of(1) + of(2)) / (r + g + b)
+        of(0) + of(1) + of(2)
     }
 
     /// Returns distances of points for emitters.
@@ -158,9 +144,11 @@ impl LegsX16 {
         let on_leg = nearest.fast_max(zero).fast_min(self.length);
         let least = (apart * apart + (nearest - on_leg) * (nearest - on_leg)).sqrt();
         let [across, along] = FARTHEST.map(f32x16::splat);
+        let [r, g, b] = self.sigma_t;
+        let clearest = r.fast_min(g).fast_min(b);
         let mut some = mask_from_bits(regions.near)
-            & (self.clearest * least).simd_lt(across)
-            & (self.clearest * on_leg).simd_lt(along)
+            & (clearest * least).simd_lt(across)
+            & (clearest * on_leg).simd_lt(along)
             & apart.simd_gt(zero);
         let [mut start, mut end] = [zero, self.length];
         let cones = mask_from_bits(regions.cones);
@@ -207,9 +195,7 @@ impl Leg {
     /// Returns the density per unit length with which flights end at a distance.
     fn flight_density(&self, distance: f32) -> f64 {
         let transmittance = exponentials(self.sigma_t.map(|sigma| f64::from(-sigma * distance)));
-        let sum: f64 = self.choice.iter().copied().map(f64::from).sum();
-        let of = |c: usize| f64::from(self.choice[c] * self.sigma_t[c]) * transmittance[c];
-        (of(0) + of(1) + of(2)) / sum
+        (0..3).map(|c| f64::from(self.choice[c] * self.sigma_t[c]) * transmittance[c]).sum()
     }
 
     /// Returns the density per unit length of points for an emitter at a distance; 0 if it has none.
@@ -226,14 +212,12 @@ impl Leg {
         let mut regions = RegionsX16::default();
         regions.set_lane(0, region);
         let splat = Vec3x16::splat;
-        let sigma_t = self.sigma_t.map(f32x16::splat);
         let legs = LegsX16 {
             origin: splat(self.origin),
             direction: splat(self.direction),
             length: f32x16::splat(self.length),
-            sigma_t,
+            sigma_t: self.sigma_t.map(f32x16::splat),
             choice: self.choice.map(f32x16::splat),
-            clearest: sigma_t[0].fast_min(sigma_t[1]).fast_min(sigma_t[2]),
         };
         let angles = legs.angles(&regions);
         (angles.some.to_bitmask() & 1 == 1).then(|| angles.lane(0))
@@ -347,7 +331,6 @@ mod tests {
             length: f32x16::splat(length),
             sigma_t: [f32x16::splat(sigma); 3],
             choice: [0.5, 0.25, 0.25].map(f32x16::splat),
-            clearest: f32x16::splat(sigma),
         }
     }
 

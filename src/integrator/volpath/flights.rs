@@ -5,8 +5,9 @@
 
 use super::Path;
 use super::equiangular::LegPoint;
-use super::event::{First, NearNumbers, Tracer};
+use super::near_emitters::{First, NearNumbers};
 use super::scattering::{EventNumbers, Scattered};
+use super::tracer::Tracer;
 use crate::accel::{Coherence, Hit};
 use crate::color::Rgb;
 use crate::integrator::flight::{Departure, Entries, Journeys, stream};
@@ -125,7 +126,7 @@ impl<'a> Between<'a> for Flights<'a> {
         }
         // Where paths end, scattering in media is loss.
         let scatters = self.tracer.scatters(depth);
-        let near = scatters && self.tracer.has_near;
+        let near = scatters && self.tracer.has_near && self.tracer.query.wants(depth + 2);
         if scatters {
             draw_2d(*sampler, Dimension::free_flight(depth), keys, free_flight);
             journeys.sample(free_flight);

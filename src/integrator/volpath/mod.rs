@@ -4,20 +4,21 @@
 //! it (`null`, holes of a mask) until it is scattered in a medium or hits a surface ([`flights`]). At each event in a
 //! medium an emitter is sampled, with the transmittance of the media up to it, and a direction, by the phase function.
 //! Both are weighted by the power heuristic ([`scattering`]). In thin homogeneous media, a third technique samples
-//! points near emitters ([`equiangular`]). If all media fill bodies that light enters at surfaces only, no emitter is
+//! points near emitters ([`near_emitters`]). If all media fill bodies that light enters at surfaces only, no emitter is
 //! sampled in them ([`bodies`]). Without media, the integrator is `path`.
 
 pub mod bodies;
 pub mod closed;
 mod emitter_samples;
 mod equiangular;
-mod event;
 pub mod flights;
+mod near_emitters;
 pub mod scattering;
+mod tracer;
 
 use self::bodies::Bodies;
-use self::event::Tracer;
 use self::flights::Flights;
+use self::tracer::Tracer;
 use super::settings::{HiddenLight, PathLimits, PathSettings, Plugin, Source};
 use super::{Integrator, PathIntegrator, Preparation, Radiance, RadianceQuery, Wave, Worker};
 use crate::emitter::{Light, LitRegion};

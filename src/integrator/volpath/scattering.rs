@@ -2,9 +2,8 @@
 
 use super::emitter_samples::{Origins, weighted};
 use super::equiangular::LegPoint;
-use super::event::Tracer;
+use super::tracer::Tracer;
 use crate::color::Rgb;
-use crate::emitter::ReceiverX16;
 use crate::ids::MediumId;
 use crate::integrator::flight::{Departure, stream};
 use crate::integrator::roulette::Roulette;
@@ -94,44 +93,28 @@ impl Tracer<'_> {
         }
         let mut alive = 0;
         for first in (0..paths.len()).step_by(LANES) {
-            let count = (paths.len() - first).min(LANES);
-            let of: [Scattered; LANES] = each_lane(|i| paths[first + i.min(count - 1)]);
-            let (mut p, mut d) = (Vec3x16::default(), Vec3x16::default());
-            for (i, path) in of.iter().enumerate() {
-                p.set_lane(i, path.p);
-                d.set_lane(i, path.d);
-            }
-            let d = d / d.length_squared().sqrt();
-            let phases = PhaseX16::of(&of.map(|path| self.media.phase(path.medium)));
-            let shares = of.map(|path| if self.media.is_sealed(path.medium) { SEALED_SHARE } else { 1.0 });
-            let beta: [f32x16; 3] = std::array::from_fn(|c| f32x16::new(of.map(|path| path.beta[c])));
+            let block = Block::new(self, paths, first);
             if samples_emitters {
                 let u = [0, 1].map(|k| load(&emitter_point[k], first));
-                self.sample_emitters(
-                    depth,
-                    (&of, count),
-                    (p, d),
-                    (&phases, shares),
-                    &beta,
-                    u,
-                    leg_points,
-                    shadows,
-                );
+                self.sample_emitters(depth, &block, u, leg_points, shadows);
             }
-            let wi = phases.sample(d, [0, 1].map(|k| load(&direction[k], first)));
-            let pdf = phases.eval(d, wi);
-            let (mut beta, mut on) = (beta, f32x16::ZERO.simd_eq(f32x16::ZERO));
-            if let Some(roulette_of) = plays {
-                let eta = f32x16::new(of.map(|path| path.eta));
-                (beta, on) = roulette_of.play_x16(beta, eta * eta, load(roulette, first));
-            }
-            for i in bits(on.to_bitmask() & ((1 << count) - 1)) {
+            let wi = block.phases.sample(block.d, [0, 1].map(|k| load(&direction[k], first)));
+            let pdf = block.phases.eval(block.d, wi);
+            let (beta, on) = match plays {
+                None => (block.beta, block.lanes),
+                Some(plays) => {
+                    let eta = f32x16::new(block.paths.map(|path| path.eta));
+                    let (beta, on) = plays.play_x16(block.beta, eta * eta, load(roulette, first));
+                    (beta, on.to_bitmask() & block.lanes)
+                }
+            };
+            for i in bits(on) {
                 paths[alive] = Scattered {
                     d: wi.lane(i),
                     beta: Rgb::from(beta.map(|channel| channel.as_array()[i])),
                     pdf: pdf.as_array()[i],
-                    emitter_share: shares[i],
-                    ..of[i]
+                    emitter_share: block.shares[i],
+                    ..block.paths[i]
                 };
                 alive += 1;
             }
@@ -139,47 +122,78 @@ impl Tracer<'_> {
         paths.truncate(alive);
     }
 
-    /// Samples an emitter at each of at most sixteen points.
-    #[expect(clippy::too_many_arguments, reason = "the state of a block")]
+    /// Samples an emitter at each point of a block. Queues shadow rays with the weighted contributions.
     fn sample_emitters(
         &self,
         depth: u32,
-        (of, count): (&[Scattered; LANES], usize),
-        (p, d): (Vec3x16, Vec3x16),
-        (phases, shares): (&PhaseX16<'_>, [f32; LANES]),
-        beta: &[f32x16; 3],
+        block: &Block<'_>,
         u: [f32x16; 2],
         leg_points: &[LegPoint],
         shadows: &mut ShadowQueue,
     ) {
-        let mut departures = of
+        let Block { paths, p, shares, .. } = block;
+        let mut departures = paths
             .each_ref()
             .map(|path| Departure { medium: Some(path.medium), random: stream(path.key, depth, 1) });
-        let mut lanes = (1 << count) - 1;
-        for i in 0..count {
+        let mut lanes = block.lanes;
+        for i in bits(block.lanes) {
             if shares[i] < 1.0 && departures[i].random.uniform() >= f64::from(shares[i]) {
                 lanes &= !(1 << i);
             }
         }
-        let (time, receivers) = (f32x16::new(of.each_ref().map(|path| path.time)), ReceiverX16::from(p));
-        let choice = self.scene.sample_emitters_choice(self.selection(), &receivers, u, time, lanes);
+        let time = f32x16::new(paths.each_ref().map(|path| path.time));
+        let choice = self.scene.sample_emitters_choice(self.selection(), &(*p).into(), u, time, lanes);
         let Some((choice, sample)) = choice else { return };
-        let scattered = phases.eval(d, sample.wi);
-        let pdf = sample.pdf * f32x16::new(shares);
+        let scattered = block.phases.eval(block.d, sample.wi);
+        let pdf = sample.pdf * f32x16::new(*shares);
         let mut near = f32x16::ZERO;
         for i in bits(lanes) {
-            if let Some(point) = of[i].on_leg {
-                let pmf = choice.pmf.as_array()[i];
-                near.as_mut_array()[i] =
-                    self.relative_density(&leg_points[point as usize], choice.emitters[i], pmf);
+            if let Some(point) = paths[i].on_leg {
+                let (emitter, pmf) = (choice.emitters[i], choice.pmf.as_array()[i]);
+                near.as_mut_array()[i] = self.relative_density(&leg_points[point as usize], emitter, pmf);
             }
         }
         let near = near.simd_gt(f32x16::ZERO).select(near * pdf, f32x16::ZERO);
         // The density with which the event samples the direction, too.
         let other = sample.delta.select(f32x16::ZERO, scattered);
         let weight = power_heuristic_of_three_x16(pdf, [other, near]);
-        let value = weighted(&sample, scattered * weight, pdf, |c| beta[c]);
-        let slots = of.each_ref().map(|path| path.slot);
-        Origins { p, time, slots, departures }.queue(&sample, &value, lanes, shadows);
+        let value = weighted(&sample, scattered * weight, pdf, |c| block.beta[c]);
+        let slots = paths.each_ref().map(|path| path.slot);
+        Origins { p: *p, time, slots, departures }.queue(&sample, &value, lanes, shadows);
+    }
+}
+
+/// At most sixteen paths that media scatter.
+struct Block<'a> {
+    paths: [Scattered; LANES],
+    /// A mask of the lanes with a path. The other lanes repeat the last one.
+    lanes: u32,
+    /// The points, and the unit directions in which the paths arrive.
+    p: Vec3x16,
+    d: Vec3x16,
+    beta: [f32x16; 3],
+    phases: PhaseX16<'a>,
+    /// The probabilities with which an emitter is sampled.
+    shares: [f32; LANES],
+}
+
+impl<'a> Block<'a> {
+    fn new(tracer: &Tracer<'a>, all: &[Scattered], first: usize) -> Self {
+        let count = (all.len() - first).min(LANES);
+        let paths = each_lane(|i| all[first + i.min(count - 1)]);
+        let (mut p, mut d) = (Vec3x16::default(), Vec3x16::default());
+        for (i, path) in paths.iter().enumerate() {
+            p.set_lane(i, path.p);
+            d.set_lane(i, path.d);
+        }
+        Block {
+            paths,
+            lanes: (1 << count) - 1,
+            p,
+            d: d / d.length_squared().sqrt(),
+            beta: std::array::from_fn(|c| f32x16::new(paths.map(|path| path.beta[c]))),
+            phases: PhaseX16::of(&paths.map(|path| tracer.media.phase(path.medium))),
+            shares: paths.map(|path| if tracer.media.is_sealed(path.medium) { SEALED_SHARE } else { 1.0 }),
+        }
     }
 }
