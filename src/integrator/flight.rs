@@ -38,17 +38,16 @@ pub struct Collision {
     pub distance: f32,
 }
 
-/// At most sixteen rays that enter media. The flights along them are sampled, and have not gone on in these media yet.
+/// At most sixteen rays that enter homogeneous media that scatter. The flights along them are sampled, and have not
+/// gone on in these media yet.
 pub struct Entries<'a> {
     /// The indices of the rays.
     pub index: [usize; LANES],
-    /// A mask of the lanes whose ray enters a homogeneous medium that scatters.
+    /// A mask of the lanes that count.
     pub lanes: u32,
-    /// A mask of the lanes whose ray enters a grid that scatters.
-    pub grids: u32,
-    /// The media.
+    /// The media. A lane that does not count may have another medium, or none.
     pub media: [Option<MediumId>; LANES],
-    /// The coefficients of the homogeneous media.
+    /// Their coefficients.
     pub coefficients: &'a CoefficientsX16,
     /// The rays.
     pub rays: &'a RayX16,
@@ -62,7 +61,7 @@ pub struct Entries<'a> {
     pub ahead: &'a dyn Fn(usize) -> Option<SurfaceInteraction>,
 }
 
-/// What is called when rays enter media that scatter.
+/// What is called when rays enter homogeneous media that scatter.
 pub type Enter<'a> = dyn FnMut(&Entries<'_>) + 'a;
 
 /// A ray on its way through media, from one boundary to the next.
@@ -225,7 +224,7 @@ impl Journeys {
         });
         let ahead = |k: usize| boundaries.at(k).or_else(|| end(k));
         let mut scattered = 0;
-        if in_medium.iter().any(Option::is_some) {
+        if homogeneous.iter().any(Option::is_some) {
             let coefficients = CoefficientsX16::of(&homogeneous);
             let of = index.map(|i| &self.list[i]);
             let mut flight = FlightX16 {
@@ -235,18 +234,12 @@ impl Journeys {
                 left: f32x16::new(of.map(|journey| journey.left)),
             };
             if let Some(enter) = &mut enter {
-                let sampled = flight.left.simd_lt(f32x16::splat(f32::INFINITY)).to_bitmask() & active;
-                let lanes = sampled & coefficients.scatter().to_bitmask();
-                let is_grid = |k: usize| match in_medium[k] {
-                    Some(Medium::Heterogeneous(medium)) => medium.scatters(),
-                    _ => false,
-                };
-                let grids = bits(sampled & !lanes).fold(0, |grids, k| grids | u32::from(is_grid(k)) << k);
-                if lanes | grids != 0 {
+                let sampled = flight.left.simd_lt(f32x16::splat(f32::INFINITY));
+                let lanes = (sampled & coefficients.scatter()).to_bitmask() & active;
+                if lanes != 0 {
                     enter(&Entries {
                         index,
                         lanes,
-                        grids,
                         media: ids,
                         coefficients: &coefficients,
                         rays,

@@ -20,7 +20,7 @@ use crate::sampling::warp::sin_cos_turn_x16;
 /// them, flights end where the light is as often.
 const FARTHEST: [f32; 2] = [0.2, 4.0];
 
-/// The part of a ray in the first medium that scatters, if that is homogeneous.
+/// The part of a ray in the first homogeneous medium that scatters.
 #[derive(Clone, Copy, Debug)]
 pub struct Leg {
     origin: Vec3,
@@ -42,7 +42,7 @@ pub struct LegPoint {
     pub distance: f32,
 }
 
-/// The parts of sixteen rays in the first media that scatter.
+/// The parts of sixteen rays in the first homogeneous media that scatter.
 pub struct LegsX16 {
     origin: Vec3x16,
     direction: Vec3x16,

@@ -15,6 +15,7 @@ use crate::integrator::path::between::{Between, Sides};
 use crate::integrator::worker::{InMedia, PathWave, draw_1d, draw_2d, intersect};
 use crate::integrator::{Radiance, Worker};
 use crate::math::Ray;
+use crate::medium::Medium;
 use crate::sampling::{Dimension, SampleKey};
 
 /// The flights of a wave.
@@ -201,6 +202,11 @@ impl<'a> Between<'a> for Flights<'a> {
                 Some(collision) => {
                     if !beta.is_black() {
                         let Ray { d, time, .. } = paths.rays[i];
+                        // In a grid, the density of points is not known.
+                        let on_leg = match media.get(medium) {
+                            Some(Medium::Homogeneous(_)) => firsts[k].end(collision.distance, leg_points),
+                            _ => None,
+                        };
                         scattered.push(Scattered {
                             key: keys[k],
                             slot,
@@ -210,7 +216,7 @@ impl<'a> Between<'a> for Flights<'a> {
                             medium: collision.medium,
                             beta,
                             eta: paths.eta[i],
-                            on_leg: firsts[k].end(collision.distance, leg_points),
+                            on_leg,
                             pdf: 0.0,
                             emitter_share: 1.0,
                         });

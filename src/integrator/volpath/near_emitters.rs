@@ -21,7 +21,7 @@ pub struct NearNumbers {
     pub distance: Vec<f32>,
 }
 
-/// Where the first part of a ray is that is in a medium that scatters.
+/// Where the first part of a ray is that is in a homogeneous medium that scatters.
 #[derive(Clone, Copy)]
 pub enum First {
     /// Not reached yet.
@@ -33,8 +33,8 @@ pub enum First {
 }
 
 impl First {
-    /// Notes that the flight ends at a distance in the last medium entered. Returns the index of that point, if points
-    /// near emitters are sampled on the ray there.
+    /// Notes that the flight ends at a distance in the last homogeneous medium entered. Returns the index of that
+    /// point, if points near emitters are sampled on the ray there.
     pub fn end(self, distance: f32, leg_points: &mut [LegPoint]) -> Option<u32> {
         let First::Here(index) = self else { return None };
         leg_points[index as usize].distance = distance;
@@ -43,7 +43,7 @@ impl First {
 }
 
 impl Tracer<'_> {
-    /// Samples emitters at points near them where rays enter the first medium that scatters, if that is homogeneous.
+    /// Samples emitters at points near them where rays enter the first homogeneous medium that scatters.
     /// Queues shadow rays with the weighted contributions to the entries `slots`.
     pub fn light_near_emitters(
         &self,
@@ -61,7 +61,6 @@ impl Tracer<'_> {
             lanes |= u32::from(open && matches!(first, First::Ahead)) << k;
             *first = First::Behind;
         }
-        bits(entries.grids).for_each(|k| firsts[index[k]] = First::Behind);
         if lanes == 0 {
             return;
         }
