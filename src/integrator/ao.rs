@@ -68,7 +68,10 @@ impl Integrator for AmbientOcclusion {
         intersect(scene, &worker.paths.rays, wave.coherence, &mut worker.hits, &mut worker.counters);
         first_hits(scene, false, worker, out);
         let Worker { paths, hits, numbers, shadows, sampler, .. } = &mut *worker;
-        paths.keep_hits(hits, |paths, i| out[paths.slots[i] as usize].value = Rgb::WHITE);
+        for (out, _) in out.iter_mut().zip(&*hits).filter(|(_, hit)| hit.is_none()) {
+            out.value = Rgb::WHITE;
+        }
+        paths.keep_hits(hits);
         draw_2d(*sampler, Dimension::bsdf_direction(0), &paths.keys, &mut numbers.bsdf_direction);
         for block in ShadingBlock::all(scene, &Bump::new(), &paths.rays, hits) {
             let at = &block.at;

@@ -3,8 +3,9 @@
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::path::first_hits;
+use super::path_wave::{Continuation, PathWave};
 use super::settings::{MAX_SAMPLES, PathLimits, Plugin, Read, Source};
-use super::worker::{Continuation, PathWave, draw_1d, draw_2d, intersect};
+use super::worker::{draw_1d, draw_2d, intersect};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::accel::Coherence;
 use crate::bsdf;

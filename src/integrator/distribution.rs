@@ -12,9 +12,10 @@
 
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
+use super::path_wave::{Continuation, PathWave};
 use super::settings::{HiddenLight, MAX_SAMPLES, PathLimits, Plugin, Read, Source};
 use super::tree::{RayTree, TreeStrategy, split};
-use super::worker::{Continuation, PathWave, draw_1d, draw_2d};
+use super::worker::{draw_1d, draw_2d};
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::bsdf;
 use crate::error::Result;

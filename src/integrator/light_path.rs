@@ -1,8 +1,9 @@
 //! Light paths: emission and scattering, shared by light tracing and photon tracing.
 
 use super::block::ShadingBlock;
+use super::path_wave::{Continuation, PathWave};
 use super::photon::EmissionGuide;
-use super::worker::{Continuation, PathWave, Worker, draw_1d, draw_2d};
+use super::worker::{Worker, draw_1d, draw_2d};
 use crate::bsdf::{Bsdf, BsdfEval, Lobe};
 use crate::color::Rgb;
 use crate::emitter::LightRay;

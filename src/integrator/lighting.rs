@@ -3,7 +3,7 @@
 use super::Radiance;
 use super::block::ShadingBlock;
 use super::guiding::GuidedBlock;
-use super::worker::PathWave;
+use super::path_wave::PathWave;
 use crate::accel::Hit;
 use crate::color::Rgb;
 use crate::emitter::{EmitterSampleX16, GlossX16, LightSelection, ReceiverX16};
@@ -165,7 +165,7 @@ pub fn drop_missed(
     wants: impl Fn(&PathWave, usize) -> bool,
 ) {
     add_missed(scene, paths, hits, out, counts, wants);
-    paths.keep_hits(hits, |_, _| {});
+    paths.keep_hits(hits);
 }
 
 /// Adds the weighted radiance of the environment for the paths of a wave that hit nothing and that `wants` selects.

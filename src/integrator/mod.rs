@@ -18,6 +18,7 @@ pub mod irrcache;
 mod light_path;
 pub mod lighting;
 pub mod path;
+pub mod path_wave;
 pub mod photon;
 pub mod pilot;
 pub mod preparation;

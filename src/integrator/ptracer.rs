@@ -103,7 +103,7 @@ impl LightTracer for Ptracer {
             {
                 let Worker { paths, hits, counters, .. } = &mut *worker;
                 intersect(scene, &paths.rays, Coherence::Incoherent, hits, counters);
-                paths.keep_hits(hits, |_, _| {});
+                paths.keep_hits(hits);
             }
             self.draw(depth, worker, camera);
             films.clear();

@@ -8,7 +8,8 @@
 use super::block::ShadingBlock;
 use super::lighting::{self, TechniqueCounts};
 use super::path::first_hits;
-use super::worker::{PathWave, intersect};
+use super::path_wave::PathWave;
+use super::worker::intersect;
 use super::{Radiance, RadianceQuery, Worker};
 use crate::accel::{Coherence, Hit};
 use crate::math::lanes::bits;

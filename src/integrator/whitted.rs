@@ -11,9 +11,9 @@
 
 use super::block::ShadingBlock;
 use super::lighting::TechniqueCounts;
+use super::path_wave::PathWave;
 use super::settings::{HiddenLight, PathLimits, Plugin, Read, Source};
 use super::tree::{RayTree, TreeStrategy};
-use super::worker::PathWave;
 use super::{Integrator, Radiance, RadianceQuery, Wave, Worker};
 use crate::emitter::Light;
 use crate::error::{Error, Result};

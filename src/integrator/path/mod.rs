@@ -20,10 +20,11 @@ use self::splitting::Splitting;
 use super::block::ShadingBlock;
 use super::guiding::{GuidedBlock, GuidingField};
 use super::lighting::{self, TechniqueCounts};
+use super::path_wave::{Continuation, PathWave};
 use super::roulette::Roulette;
 use super::settings::{HiddenLight, PathLimits, Plugin, Read, Source, WhenPays};
 use super::shadows::ShadowQueue;
-use super::worker::{BounceNumbers, Continuation, PathWave, RandomNumbers, intersect};
+use super::worker::{BounceNumbers, RandomNumbers, intersect};
 use super::{
     Integrator, LightTracer, Preparation, Radiance, RadianceQuery, Statistic, Wave, Worker, emission,
 };

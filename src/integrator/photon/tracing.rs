@@ -96,7 +96,7 @@ impl PhotonPaths {
                     // Only caustics are needed, and no path without a Dirac delta becomes one.
                     hits.iter_mut().for_each(|hit| *hit = hit.filter(|hit| scene.has_deltas(hit)));
                 }
-                paths.keep_hits(hits, |_, _| {});
+                paths.keep_hits(hits);
             }
             let go_on = self.allows(edges + 1);
             let roulette = Roulette::for_photons(edges, self.rr_depth);

@@ -27,7 +27,7 @@ pub fn li(
     for (out, hit) in out.iter_mut().zip(&*hits) {
         out.distance = hit.map_or(f32::INFINITY, |hit| hit.t);
     }
-    paths.keep_hits(hits, |_, _| {});
+    paths.keep_hits(hits);
     let mut buffer = NeighbourBuffer::default();
     for first in (0..hits.len()).step_by(LANES) {
         arena.reset();
