@@ -18,6 +18,7 @@ use crate::integrator::{Radiance, Worker};
 use crate::math::Ray;
 use crate::medium::Medium;
 use crate::sampling::{Dimension, SampleKey};
+use crate::scene::Scene;
 
 /// The flights of a wave.
 pub struct Flights<'a> {
@@ -65,39 +66,17 @@ impl<'a> Flights<'a> {
         let InMedia { on_leg, emitter_share, .. } = paths.in_media[i];
         Path { ray: paths.rays[i], from: paths.from[i], pdf: paths.pdf[i], emitter_share, depth, on_leg }
     }
-}
 
-impl<'a> Between<'a> for Flights<'a> {
-    fn sides(&self) -> Sides<'a> {
-        Sides { scene: self.tracer.scene, media: self.tracer.media }
+    /// Returns whether rays pass emitters as if they were not there.
+    fn hides_emitters(&self, depth: u32) -> bool {
+        depth == 0 && self.tracer.limits.hide_emitters && self.tracer.scene.needs.hit_emitters
     }
 
-    fn passes_hidden(&self) -> bool {
-        true
-    }
-
-    fn advance(&mut self, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
-        let Tracer { scene, media, limits, .. } = self.tracer;
-        let Worker { paths, hits, counters, sampler, shadows, .. } = worker;
-        if depth == 0 {
-            paths.in_media.resize(paths.rays.len(), InMedia::in_medium(media.sensor));
-        }
-        let emits =
-            |hit: &Option<Hit>| hit.is_some_and(|hit| scene.shapes[hit.geometry as usize].emitter.is_some());
-        let hides = depth == 0 && limits.hide_emitters && scene.needs.hit_emitters;
-        let Buffers {
-            travellers,
-            keys,
-            slots,
-            journeys,
-            boundaries,
-            firsts,
-            leg_points: [leg_points, last_leg_points],
-            free_flight,
-            near_numbers,
-            event_numbers,
-            scattered,
-        } = &mut self.buffers;
+    /// Finds the paths that meet media, and samples their flights.
+    fn depart(&mut self, depth: u32, worker: &Worker) {
+        let media = self.tracer.media;
+        let hides = self.hides_emitters(depth);
+        let Worker { paths, hits, sampler, .. } = worker;
         let to_surface = |i: usize| match hits[i] {
             Some(hit) => Ray { t_max: hit.t, ..paths.rays[i] },
             None => paths.rays[i],
@@ -110,6 +89,7 @@ impl<'a> Between<'a> for Flights<'a> {
             let is_passing = passed.as_ref().is_some_and(|passed| passed[*i].is_some());
             hides || is_passing || paths.in_media[*i].medium.is_some()
         };
+        let Buffers { travellers, keys, slots, journeys, boundaries, free_flight, .. } = &mut self.buffers;
         travellers.clear();
         travellers.extend((0..hits.len()).filter(meets));
         boundaries.clear();
@@ -127,12 +107,29 @@ impl<'a> Between<'a> for Flights<'a> {
             journeys.push(to_surface(i), departure, paths.beta(i));
         }
         // Where paths end, scattering in media is loss.
-        let scatters = self.tracer.scatters(depth);
-        let near = scatters && self.tracer.has_near && self.tracer.query.wants(depth + 2);
-        if scatters {
+        if self.tracer.scatters(depth) {
             draw_2d(*sampler, Dimension::free_flight(depth), keys, free_flight);
             journeys.sample(free_flight);
         }
+    }
+
+    /// Follows the paths to events in media, or to the surfaces that they hit, which are others behind hidden emitters.
+    fn fly(&mut self, depth: u32, worker: &mut Worker) {
+        let hides = self.hides_emitters(depth);
+        let Tracer { scene, media, query, .. } = self.tracer;
+        let Worker { paths, hits, counters, sampler, shadows, .. } = worker;
+        let Buffers {
+            travellers,
+            keys,
+            slots,
+            journeys,
+            boundaries,
+            firsts,
+            leg_points: [leg_points, last_leg_points],
+            near_numbers,
+            ..
+        } = &mut self.buffers;
+        let near = self.tracer.scatters(depth) && self.tracer.has_near && query.wants(depth + 2);
         if near {
             let NearNumbers { emitter_point, distance } = near_numbers;
             draw_2d(*sampler, Dimension::emitter_point(depth).repeat(1), keys, emitter_point);
@@ -150,13 +147,14 @@ impl<'a> Between<'a> for Flights<'a> {
             let numbers = (&*near_numbers, &slots[..], &keys[..]);
             self.tracer.light_near_emitters(depth, entries, numbers, (firsts, leg_points), shadows);
         };
-        let all = (0..travellers.len()).collect();
+        let mut active: Vec<usize> = (0..travellers.len()).collect();
         let at_end = |k| end(k, paths, hits);
-        journeys.follow(scene, media, all, Some(boundaries), at_end, near.then_some(&mut enter));
-        // Camera rays pass hidden emitters.
-        let mut active: Vec<usize> = if hides { (0..travellers.len()).collect() } else { Vec::new() };
+        journeys.follow(scene, media, active.clone(), Some(boundaries), at_end, near.then_some(&mut enter));
+        if !hides {
+            return;
+        }
         loop {
-            active.retain(|&k| journeys.collision(k).is_none() && emits(&hits[travellers[k]]));
+            active.retain(|&k| journeys.collision(k).is_none() && is_emitter(scene, &hits[travellers[k]]));
             if active.is_empty() {
                 break;
             }
@@ -176,6 +174,23 @@ impl<'a> Between<'a> for Flights<'a> {
             let at_end = |k| end(k, paths, hits);
             journeys.follow(scene, media, active.clone(), None, at_end, near.then_some(&mut enter));
         }
+    }
+
+    /// Gives the wave the throughputs and media of the paths. Those that media have scattered wait for the others.
+    fn arrive(&mut self, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
+        let Tracer { scene, media, .. } = self.tracer;
+        let Worker { paths, hits, .. } = worker;
+        let Buffers {
+            travellers,
+            keys,
+            slots,
+            journeys,
+            firsts,
+            leg_points: [leg_points, last_leg_points],
+            scattered,
+            ..
+        } = &mut self.buffers;
+
         for (k, &i) in travellers.iter().enumerate() {
             let (beta, medium, collision) = (journeys.beta(k), journeys.medium(k), journeys.collision(k));
             paths.set_beta(i, beta);
@@ -191,7 +206,7 @@ impl<'a> Between<'a> for Flights<'a> {
                 None if on_leg.is_none() && emitter_share == 1.0 => {}
                 None => {
                     let at = |hit: &Hit| scene.interaction(&paths.rays[i], hit);
-                    if hits[i].is_none() || emits(&hits[i]) {
+                    if hits[i].is_none() || is_emitter(scene, &hits[i]) {
                         let path = Flights::path(depth, i, paths);
                         let found =
                             self.tracer.found(&path, hits[i].as_ref().map(at).as_ref(), last_leg_points);
@@ -227,8 +242,34 @@ impl<'a> Between<'a> for Flights<'a> {
                 }
             }
         }
-        let numbers = (*sampler, event_numbers);
-        self.tracer.scatter_in_media(depth, scattered, leg_points, numbers, shadows);
+    }
+}
+
+/// Returns whether a hit is that of an emitter.
+fn is_emitter(scene: &Scene, hit: &Option<Hit>) -> bool {
+    hit.is_some_and(|hit| scene.shapes[hit.geometry as usize].emitter.is_some())
+}
+
+impl<'a> Between<'a> for Flights<'a> {
+    fn sides(&self) -> Sides<'a> {
+        Sides { scene: self.tracer.scene, media: self.tracer.media }
+    }
+
+    fn passes_hidden(&self) -> bool {
+        true
+    }
+
+    fn advance(&mut self, depth: u32, worker: &mut Worker, out: &mut [Radiance]) {
+        if depth == 0 {
+            let start = InMedia::in_medium(self.tracer.media.sensor);
+            worker.paths.in_media.resize(worker.paths.rays.len(), start);
+        }
+        self.depart(depth, worker);
+        self.fly(depth, worker);
+        self.arrive(depth, worker, out);
+        let Buffers { scattered, leg_points: [leg_points, _], event_numbers, .. } = &mut self.buffers;
+        let numbers = (worker.sampler, event_numbers);
+        self.tracer.scatter_in_media(depth, scattered, leg_points, numbers, &mut worker.shadows);
     }
 
     fn rejoin(&mut self, paths: &mut PathWave) {
