@@ -147,27 +147,34 @@ fn equal_cells_are_a_homogeneous_medium() {
     }
 }
 
-/// A ray that goes from fog into a grid of the same medium, and from there into fog, finds the light that it would find
-/// in fog alone. The emitter is in the grid, near the rays.
+/// A ray that goes from fog into a grid of the same medium, or from there into fog, finds the light that it would find
+/// in fog alone. The emitter is near the rays: in the grid, in the fog before it, and in the fog behind it.
 #[test]
-fn rays_pass_from_fog_into_a_grid() {
-    let emitters = [Vec3::new(0.3, 0.4, 0.2), Vec3::new(0.1, 0.5, 2.5)];
-    let group = Means::of_images(2 * emitters.len(), 2e-2);
+fn rays_pass_between_fog_and_a_grid() {
+    let [grid_medium, fog_medium] = [0, 1];
+    // The height of the camera, its medium, and the position of the emitter.
+    let cases = [
+        (5.0, fog_medium, Vec3::new(0.3, 0.4, 0.2)),
+        (5.0, fog_medium, Vec3::new(0.1, 0.5, 2.5)),
+        (0.9, grid_medium, Vec3::new(0.1, 0.5, -2.5)),
+    ];
+    let group = Means::of_images(2 * cases.len(), 2e-2);
     let sigma = Rgb::new(0.1, 0.2, 0.05);
     let fog = Homogeneous { sigma_t: sigma, sigma_s: sigma * 0.8, phase: Phase::Isotropic };
-    for position in emitters {
-        let lit = |mut scene: Description, around: usize| {
+    for (height, start, position) in cases {
+        let lit = |mut scene: Description| {
             scene.emitters = vec![Emitter::Point { position, intensity: Rgb::splat(9.0) }];
             scene.media.push(Medium::Homogeneous(fog.clone()));
-            scene.sensors[0].medium = Some(around.into());
+            scene.sensors[0] = camera(DVec3::new(0.1, 0.2, height), DVec3::new(0.1, 0.2, -1.0), 8.0, 8);
+            scene.sensors[0].medium = Some(start.into());
             scene.shapes[0].to_world = DAffine3::IDENTITY.into();
-            scene.shapes[0].boundary.exterior = Some(around.into());
+            scene.shapes[0].boundary.exterior = Some(fog_medium.into());
             compiled(scene, AccelKind::Auto)
         };
         let values = (0..4 * 4 * 4).flat_map(|_| sigma.to_array()).collect();
         let cells = grid([4, 4, 4], 3, values, FilterType::Nearest);
-        let varying = lit(filled(heterogeneous(cells, albedo(0.8), 1.0, Phase::Isotropic), 8.0), 1);
-        let same = lit(filled(Medium::Homogeneous(fog.clone()), 8.0), 1);
+        let varying = lit(filled(heterogeneous(cells, albedo(0.8), 1.0, Phase::Isotropic), 8.0));
+        let same = lit(filled(Medium::Homogeneous(fog.clone()), 8.0));
         for max_depth in [Some(2), Some(4)] {
             let [a, b] = [(&varying, 1), (&same, 2)]
                 .map(|(scene, seed)| render(scene, &volpath(max_depth), SamplerKind::Sobol, 4096, seed));

@@ -96,7 +96,7 @@ fn grow<T: Copy>(list: &mut Vec<T>, n: usize) {
 }
 
 /// Removes a range of a used list. The last elements take their places.
-fn fill<T: Copy>(list: &mut Vec<T>, gap: &Range<usize>) {
+fn close_gap<T: Copy>(list: &mut Vec<T>, gap: &Range<usize>) {
     if list.is_empty() {
         return;
     }
@@ -263,7 +263,7 @@ impl PathWave {
 
     /// Removes a range of paths. The last ones take their places.
     pub fn remove(&mut self, range: Range<usize>) {
-        each_list!(fill, self; &range);
+        each_list!(close_gap, self; &range);
     }
 }
 

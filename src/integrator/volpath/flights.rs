@@ -113,7 +113,7 @@ impl<'a> Flights<'a> {
         }
     }
 
-    /// Follows the paths to events in media, or to the surfaces that they hit, which are others behind hidden emitters.
+    /// Follows the paths up to events in media, or up to surfaces. Hidden emitters do not end them.
     fn fly(&mut self, depth: u32, worker: &mut Worker) {
         let hides = self.hides_emitters(depth);
         let Tracer { scene, media, query, .. } = self.tracer;
@@ -147,12 +147,11 @@ impl<'a> Flights<'a> {
             let numbers = (&*near_numbers, &slots[..], &keys[..]);
             self.tracer.light_near_emitters(depth, entries, numbers, (firsts, leg_points), shadows);
         };
-        let mut active: Vec<usize> = (0..travellers.len()).collect();
+        let all = || (0..travellers.len()).collect::<Vec<usize>>();
         let at_end = |k| end(k, paths, hits);
-        journeys.follow(scene, media, active.clone(), Some(boundaries), at_end, near.then_some(&mut enter));
-        if !hides {
-            return;
-        }
+        journeys.follow(scene, media, all(), Some(boundaries), at_end, near.then_some(&mut enter));
+        // Camera rays pass hidden emitters.
+        let mut active = if hides { all() } else { Vec::new() };
         loop {
             active.retain(|&k| journeys.collision(k).is_none() && is_emitter(scene, &hits[travellers[k]]));
             if active.is_empty() {
@@ -190,7 +189,6 @@ impl<'a> Flights<'a> {
             scattered,
             ..
         } = &mut self.buffers;
-
         for (k, &i) in travellers.iter().enumerate() {
             let (beta, medium, collision) = (journeys.beta(k), journeys.medium(k), journeys.collision(k));
             paths.set_beta(i, beta);
