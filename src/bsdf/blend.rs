@@ -14,7 +14,7 @@ pub struct Blend<'a> {
     pub bsdfs: [&'a Bsdf<'a>; 2],
 }
 
-impl Blend<'_> {
+impl<'a> Blend<'a> {
     /// Returns the probability of sampling the second BSDF.
     pub(super) fn probability(&self) -> f32 {
         probability_below(self.weight)
@@ -29,7 +29,7 @@ impl Blend<'_> {
 
     /// Chooses one BSDF by a random number. Returns the BSDF, the number rescaled to [0, 1), and the weight of the
     /// BSDF divided by its probability.
-    pub(super) fn choose(&self, u_lobe: f32) -> (&Bsdf<'_>, f32, f32) {
+    pub(super) fn choose(&self, u_lobe: f32) -> (&'a Bsdf<'a>, f32, f32) {
         let (w, p) = (self.weight, self.probability());
         let (bsdf, u_lobe, share) = match u_lobe < p {
             true => (self.bsdfs[1], u_lobe / p, w / p),

@@ -1,11 +1,12 @@
 //! BSDF evaluation and sampling for sixteen points at a time.
 //!
 //! Diffuse reflection, plastics, boundaries of conductors and dielectrics, and the principled model without
-//! transmission are computed in parallel lanes, other BSDFs one lane after the other. The result of a lane does not
-//! depend on the other lanes.
+//! transmission are computed in parallel lanes. For camera paths, so are blends and perturbed normals. Other BSDFs are
+//! computed one lane after the other. The result of a lane does not depend on the other lanes.
 
 use super::conductor::ConductorX16;
 use super::dielectric::DielectricX16;
+use super::nested_lanes::NestedX16;
 use super::plastic::PlasticX16;
 use super::principled_lanes::PrincipledX16;
 use super::rough_conductor::RoughConductorX16;
@@ -223,38 +224,52 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
 
 /// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
-    eval_or(bsdfs, wo, wi, active, &|i| bsdfs[i].eval(wo.lane(i), wi.lane(i)))
+    let (mut eval, mut rest) = eval_kernels(bsdfs, wo, wi, active);
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize;
+        if let Some((lanes, nested)) = NestedX16::like(i, bsdfs, rest, wo) {
+            eval.set_lanes(lanes, &nested.eval(wo, wi));
+            rest &= !lanes;
+        } else {
+            eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
+            rest &= rest - 1;
+        }
+    }
+    eval
 }
 
 /// Computes [`Bsdf::pdf_adjoint`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 pub fn pdf_adjoint_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> f32x16 {
     // The density does not depend on what light is, for the BSDFs that have a kernel.
-    let one = |i: usize| BsdfEval { f: Rgb::BLACK, pdf: bsdfs[i].pdf_adjoint(wo.lane(i), wi.lane(i)) };
-    eval_or(bsdfs, wo, wi, active, &one).pdf
+    let (BsdfEvalX16 { mut pdf, .. }, others) = eval_kernels(bsdfs, wo, wi, active);
+    for i in bits(others) {
+        pdf.as_mut_array()[i] = bsdfs[i].pdf_adjoint(wo.lane(i), wi.lane(i));
+    }
+    pdf
 }
 
-/// Evaluates the BSDFs with a kernel, and calls `one` for each other lane.
-fn eval_or<'a>(
+/// Evaluates the BSDFs with a kernel. Returns a mask of the other lanes, too.
+#[inline(always)]
+fn eval_kernels<'a>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     wi: &Vec3x16,
     active: u32,
-    one: &dyn Fn(usize) -> BsdfEval,
-) -> BsdfEvalX16 {
+) -> (BsdfEvalX16, u32) {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let mut eval = BsdfEvalX16::diffuse(reflectance, wo, wi);
-    let mut rest = others & active;
+    let (mut rest, mut others) = (others & active, 0);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
         if let Some((lanes, of_kernel)) = eval_like(i, bsdfs, rest, [wo, wi]) {
             eval.set_lanes(lanes, &of_kernel);
             rest &= !lanes;
         } else {
-            eval.set_lane(i, &one(i));
+            others |= 1 << i;
             rest &= rest - 1;
         }
     }
-    eval
+    (eval, others)
 }
 
 /// BSDFs whose parameters were gathered, to be evaluated several times.
@@ -292,8 +307,8 @@ impl<'a> BsdfX16<'a> {
         for (lanes, kernel) in &self.kernels {
             eval.set_lanes(*lanes, &kernel.eval(wo, wi));
         }
-        for i in bits(self.others) {
-            eval.set_lane(i, &self.bsdfs[i].eval(wo.lane(i), wi.lane(i)));
+        if self.others != 0 {
+            eval.set_lanes(self.others, &eval_x16(&self.bsdfs, wo, wi, self.others));
         }
         eval
     }
@@ -307,10 +322,18 @@ pub fn sample_x16<'a>(
     u: [f32x16; 2],
     active: u32,
 ) -> BsdfSampleX16 {
-    let one = |i: usize| {
-        bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], Vec2::new(u[0].as_array()[i], u[1].as_array()[i]))
-    };
-    let (samples, _) = sample_or(bsdfs, wo, u_lobe, u, active, &one);
+    let (mut samples, mut rest) = sample_kernels(bsdfs, wo, u_lobe, u, active);
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize;
+        if let Some((lanes, nested)) = NestedX16::like(i, bsdfs, rest, wo) {
+            samples.set_lanes(lanes, &nested.sample(wo, u_lobe, u));
+            rest &= !lanes;
+        } else {
+            let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+            samples.set_lane(i, bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u));
+            rest &= rest - 1;
+        }
+    }
     samples
 }
 
@@ -322,12 +345,12 @@ pub fn sample_adjoint_x16<'a>(
     u: [f32x16; 2],
     active: u32,
 ) -> BsdfSampleX16 {
-    let one = |i: usize| {
+    let (mut samples, others) = sample_kernels(bsdfs, wo, u_lobe, u, active);
+    for i in bits(others) {
         let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-        bsdfs[i].sample_adjoint(wo.lane(i), u_lobe.as_array()[i], u)
-    };
-    let (mut samples, in_lanes) = sample_or(bsdfs, wo, u_lobe, u, active, &one);
-    let in_lanes = mask_from_bits(in_lanes);
+        samples.set_lane(i, bsdfs[i].sample_adjoint(wo.lane(i), u_lobe.as_array()[i], u));
+    }
+    let in_lanes = mask_from_bits(active & !others);
     // The scaling at a boundary applies to radiance, but not to power.
     let scale = in_lanes.select(samples.eta * samples.eta, f32x16::ONE);
     samples.weight = samples.weight.map(|channel| channel * scale);
@@ -346,15 +369,14 @@ pub fn sample_adjoint_x16<'a>(
     samples
 }
 
-/// Samples the BSDFs with a kernel, and calls `one` for each other lane. Returns a mask of the lanes with a kernel
-/// beside the samples.
-fn sample_or<'a>(
+/// Samples the BSDFs with a kernel. Returns a mask of the other lanes, too.
+#[inline(always)]
+fn sample_kernels<'a>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     u_lobe: f32x16,
     u: [f32x16; 2],
     active: u32,
-    one: &dyn Fn(usize) -> Option<BsdfSample>,
 ) -> (BsdfSampleX16, u32) {
     let (reflectance, others) = gather_diffuse(bsdfs);
     let wi = warp::square_to_cosine_hemisphere_x16(u);
@@ -365,19 +387,18 @@ fn sample_or<'a>(
         eta: f32x16::ONE,
         valid: wo.z.simd_gt(f32x16::ZERO),
     };
-    let (mut rest, mut in_lanes) = (others & active, active);
+    let (mut rest, mut others) = (others & active, 0);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
         if let Some((lanes, of_kernel)) = sample_like(i, bsdfs, rest, wo, (u_lobe, u)) {
             samples.set_lanes(lanes, &of_kernel);
             rest &= !lanes;
         } else {
-            samples.set_lane(i, one(i));
-            in_lanes &= !(1 << i);
+            others |= 1 << i;
             rest &= rest - 1;
         }
     }
-    (samples, in_lanes)
+    (samples, others)
 }
 
 impl BsdfEvalX16 {

@@ -5,13 +5,12 @@ use super::lanes::*;
 use crate::bsdf::fresnel::ConductorFresnel;
 use crate::bsdf::microfacet::{Distribution, Microfacets};
 use crate::bsdf::{
-    Conductor, Dielectric, Diffuse, Plastic, Principled, RoughConductor, RoughDielectric, RoughPlastic,
-    RoughTransmittance,
+    Blend, Conductor, Dielectric, Diffuse, Plastic, Principled, RoughConductor, RoughDielectric,
+    RoughPlastic, RoughTransmittance, Tilted,
 };
 use crate::color::Rgb;
-use crate::math::Vec2;
-use crate::math::Vec3;
 use crate::math::lanes::{LANES, Vec3x16, f32x16};
+use crate::math::{Frame, Vec2, Vec3};
 use crate::sampling::hash::{combine, to_unit};
 
 /// A lane with glass does not change the results of the diffuse lanes.
@@ -116,13 +115,27 @@ fn kernels_compute_what_the_bsdfs_do() {
                 }
             })
             .collect();
-        let bsdfs = std::array::from_fn(|i| &all[i]);
         let mut direction = || {
             let z = 2.0 * random() - 1.0;
             let (sin, cos) = (std::f32::consts::TAU * random()).sin_cos();
             let r = (1.0 - z * z).sqrt();
             Vec3::new(r * cos, r * sin, z)
         };
+        let nested: Vec<Bsdf<'_>> = (0..LANES)
+            .map(|i| match (i / 2 + round) % 5 {
+                0 => {
+                    let n = Vec3::new(0.4, 0.4, 0.0) * direction() + Vec3::Z;
+                    let frame = Frame::from_normal(n.normalize());
+                    Bsdf::Tilted(Tilted { frame, soften: i % 2 == 0, inner: &all[i], turned: None })
+                }
+                1 => {
+                    let weight = direction().z.abs();
+                    Bsdf::Blend(Blend { weight, bsdfs: [&all[i], &all[(i + 3) % LANES]] })
+                }
+                _ => all[i],
+            })
+            .collect();
+        let bsdfs = std::array::from_fn(|i| &nested[i]);
         let (mut wo, mut wi) = (Vec3x16::default(), Vec3x16::default());
         for i in 0..LANES {
             wo.set_lane(i, direction());

@@ -21,6 +21,7 @@ mod lanes_tests;
 pub mod mask;
 pub mod measured;
 pub mod microfacet;
+mod nested_lanes;
 pub mod plastic;
 pub mod polarized_plastic;
 pub mod principled;

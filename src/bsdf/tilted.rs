@@ -28,11 +28,12 @@ impl Tilted<'_> {
     /// Returns the shadowing factor near the terminator for light from `wi`: Smith's shadowing of a GGX surface with
     /// a roughness given by the tilt of the normal. [Estevez 2019, Eq. 3 and 4]
     pub(super) fn shadowing(&self, wi: Vec3) -> f32 {
-        if !self.soften {
-            return 1.0;
-        }
-        let alpha2 = (0.125 * tan2(self.frame.n)).min(1.0);
-        2.0 / (1.0 + (1.0 + alpha2 * tan2(wi)).sqrt())
+        2.0 / (1.0 + (1.0 + self.alpha2() * tan2(wi)).sqrt())
+    }
+
+    /// Returns the roughness α² of that surface; 0 without shadowing.
+    pub(super) fn alpha2(&self) -> f32 {
+        if self.soften { (0.125 * tan2(self.frame.n)).min(1.0) } else { 0.0 }
     }
 
     /// Returns the BSDF for a viewer in the direction `wo`.
