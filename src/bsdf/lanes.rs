@@ -6,7 +6,7 @@
 
 use super::conductor::ConductorX16;
 use super::dielectric::DielectricX16;
-use super::nested_lanes::NestedX16;
+use super::nested_lanes::{eval_alike, sample_alike};
 use super::plastic::PlasticX16;
 use super::principled_lanes::PrincipledX16;
 use super::rough_conductor::RoughConductorX16;
@@ -227,8 +227,8 @@ pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, a
     let (mut eval, mut rest) = eval_kernels(bsdfs, wo, wi, active);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, nested)) = NestedX16::like(i, bsdfs, rest, wo) {
-            eval.set_lanes(lanes, &nested.eval(wo, wi));
+        if let Some((lanes, nested)) = eval_alike(i, bsdfs, rest, [wo, wi]) {
+            eval.set_lanes(lanes, &nested);
             rest &= !lanes;
         } else {
             eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
@@ -325,8 +325,8 @@ pub fn sample_x16<'a>(
     let (mut samples, mut rest) = sample_kernels(bsdfs, wo, u_lobe, u, active);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, nested)) = NestedX16::like(i, bsdfs, rest, wo) {
-            samples.set_lanes(lanes, &nested.sample(wo, u_lobe, u));
+        if let Some((lanes, nested)) = sample_alike(i, bsdfs, rest, wo, (u_lobe, u)) {
+            samples.set_lanes(lanes, &nested);
             rest &= !lanes;
         } else {
             let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);

@@ -7,14 +7,8 @@ use super::{Blend, Bsdf, Tilted};
 use crate::math::lanes::{LANES, Vec3x16, bits, f32x16, mask_from_bits};
 use crate::math::{Frame, FrameX16, Vec3};
 
-/// BSDFs of one kind that contain others.
-pub(super) enum NestedX16<'a> {
-    Blend(BlendX16<'a>),
-    Tilted(TiltedX16<'a>),
-}
-
 /// A [`Blend`] in each of some lanes.
-pub(super) struct BlendX16<'a> {
+struct BlendX16<'a> {
     lanes: u32,
     blends: [&'a Blend<'a>; LANES],
     weight: f32x16,
@@ -22,7 +16,7 @@ pub(super) struct BlendX16<'a> {
 }
 
 /// A [`Tilted`] in each of some lanes, which is the one for the viewer.
-pub(super) struct TiltedX16<'a> {
+struct TiltedX16<'a> {
     lanes: u32,
     inner: [&'a Bsdf<'a>; LANES],
     frame: FrameX16,
@@ -30,38 +24,47 @@ pub(super) struct TiltedX16<'a> {
     alpha2: f32x16,
 }
 
-impl<'a> NestedX16<'a> {
-    /// Gathers those lanes of the mask `rest` that are of the kind of the lane `first`, for viewers in the directions
-    /// `wo`. Returns their mask, too; `None` if the kind is none of these.
-    pub fn like(first: usize, bsdfs: &[&'a Bsdf<'a>; LANES], rest: u32, wo: &Vec3x16) -> Option<(u32, Self)> {
-        let kind = std::mem::discriminant(bsdfs[first]);
-        let alike = bits(rest).filter(|&i| std::mem::discriminant(bsdfs[i]) == kind);
-        let lanes = alike.fold(0, |lanes, i| lanes | 1 << i);
-        let nested = match bsdfs[first] {
-            Bsdf::Blend(one) => NestedX16::Blend(BlendX16::new(bsdfs, lanes, one)),
-            Bsdf::Tilted(one) => NestedX16::Tilted(TiltedX16::new(bsdfs, lanes, one, wo)),
-            _ => return None,
-        };
-        Some((lanes, nested))
-    }
+/// Computes [`Bsdf::eval`] in those lanes of the mask `rest` that are of the kind of the lane `first`. Returns their
+/// mask, too; `None` if the kind contains no others.
+#[inline(never)]
+pub(super) fn eval_alike<'a>(
+    first: usize,
+    bsdfs: &[&'a Bsdf<'a>; LANES],
+    rest: u32,
+    [wo, wi]: [&Vec3x16; 2],
+) -> Option<(u32, BsdfEvalX16)> {
+    let lanes = alike(first, bsdfs, rest);
+    let eval = match bsdfs[first] {
+        Bsdf::Blend(one) => BlendX16::new(bsdfs, lanes, one).eval(wo, wi, lanes),
+        Bsdf::Tilted(one) => TiltedX16::new(bsdfs, lanes, one, wo).eval(wo, wi),
+        _ => return None,
+    };
+    Some((lanes, eval))
+}
 
-    /// Computes [`Bsdf::eval`] in each of its lanes.
-    #[inline(never)]
-    pub fn eval(&self, wo: &Vec3x16, wi: &Vec3x16) -> BsdfEvalX16 {
-        match self {
-            NestedX16::Blend(blend) => blend.eval(wo, wi, blend.lanes),
-            NestedX16::Tilted(tilted) => tilted.eval(wo, wi),
-        }
-    }
+/// Computes [`Bsdf::sample`] as [`eval_alike`] does.
+#[inline(never)]
+pub(super) fn sample_alike<'a>(
+    first: usize,
+    bsdfs: &[&'a Bsdf<'a>; LANES],
+    rest: u32,
+    wo: &Vec3x16,
+    (u_lobe, u): (f32x16, [f32x16; 2]),
+) -> Option<(u32, BsdfSampleX16)> {
+    let lanes = alike(first, bsdfs, rest);
+    let sample = match bsdfs[first] {
+        Bsdf::Blend(one) => BlendX16::new(bsdfs, lanes, one).sample(wo, u_lobe, u),
+        Bsdf::Tilted(one) => TiltedX16::new(bsdfs, lanes, one, wo).sample(wo, u_lobe, u),
+        _ => return None,
+    };
+    Some((lanes, sample))
+}
 
-    /// Computes [`Bsdf::sample`] in each of its lanes.
-    #[inline(never)]
-    pub fn sample(&self, wo: &Vec3x16, u_lobe: f32x16, u: [f32x16; 2]) -> BsdfSampleX16 {
-        match self {
-            NestedX16::Blend(blend) => blend.sample(wo, u_lobe, u),
-            NestedX16::Tilted(tilted) => tilted.sample(wo, u_lobe, u),
-        }
-    }
+/// Returns a mask of those lanes of the mask `rest` that are of the kind of the lane `first`.
+fn alike(first: usize, bsdfs: &[&Bsdf<'_>; LANES], rest: u32) -> u32 {
+    let kind = std::mem::discriminant(bsdfs[first]);
+    let alike = bits(rest).filter(|&i| std::mem::discriminant(bsdfs[i]) == kind);
+    alike.fold(0, |lanes, i| lanes | 1 << i)
 }
 
 impl<'a> BlendX16<'a> {
