@@ -7,8 +7,9 @@
 //! relMSE of the mean of all images against that of `path`, minus the noise of both. It is printed from the second
 //! integrator on.
 //!
-//! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper), `--samplers LIST`, `--spp LIST`, `--size
-//! N`, `--adaptive`, `--path-reuse WHEN`; other arguments are scenes.
+//! Options: `--integrators LIST` (path,ptracer,sppm,irrcache,photonmapper,auto), `--samplers LIST`, `--spp LIST`,
+//! `--target-errors LIST` (renders stop there, not after a number of samples), `--size N`, `--adaptive`, `--path-reuse
+//! WHEN`; other arguments are scenes.
 
 use buffon::accel::AccelKind;
 use buffon::error::Error;
@@ -35,6 +36,8 @@ struct Options {
     integrators: Vec<String>,
     samplers: Vec<SamplerKind>,
     samples: Vec<u64>,
+    /// The greatest errors of images, instead of numbers of samples.
+    errors: Vec<f64>,
     scenes: Vec<String>,
 }
 
@@ -47,6 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         integrators: vec!["path".into()],
         samplers: vec![SamplerKind::Independent, SamplerKind::Sobol],
         samples: vec![64, 16],
+        errors: Vec::new(),
         scenes: Vec::new(),
     };
     let mut arguments = std::env::args().skip(1);
@@ -61,6 +65,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 options.samplers = list()?.split(',').map(str::parse).collect::<Result<_, _>>()?
             }
             "--spp" => options.samples = list()?.split(',').map(str::parse).collect::<Result<_, _>>()?,
+            "--target-errors" => {
+                options.errors = list()?.split(',').map(str::parse).collect::<Result<_, _>>()?
+            }
             number if number.parse::<u64>().is_ok_and(|n| n > 1) => options.seeds = number.parse()?,
             scene => options.scenes.push(scene.into()),
         }
@@ -69,11 +76,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         options.scenes = SCENES.map(String::from).to_vec();
     }
     println!(
-        "{:<14} {:<12} {:<11} {:>4} {:>10} {:>9} {:>6} {:>6} {:>8} {:>8} {:>9}",
+        "{:<14} {:<12} {:<11} {:>6} {:>10} {:>9} {:>6} {:>6} {:>8} {:>8} {:>9}",
         "scene",
         "integrator",
         "sampler",
-        "spp",
+        "until",
         "relMSE",
         "estimate",
         "held",
@@ -94,12 +101,19 @@ fn calibrate(file: &Path, options: &Options) -> Result<(), Error> {
     let session = SceneFile::load(file, &choices)?.compile(AccelKind::default(), default_threads())?;
     let name = file.file_stem().unwrap_or_default().to_string_lossy();
     let mut reference: Option<Seeds> = None;
+    let until_error = |&error| StopRules { error: Some(error), ..StopRules::default() };
+    let until_samples = |&samples| StopRules { samples: Some(samples), ..StopRules::default() };
+    let stops: Vec<StopRules> = match options.errors.is_empty() {
+        true => options.samples.iter().map(until_samples).collect(),
+        false => options.errors.iter().map(until_error).collect(),
+    };
     for integrator in &options.integrators {
         for &sampler in &options.samplers {
-            for &samples in &options.samples {
-                let seeds = Seeds::render(&session, integrator, sampler, samples, options)?;
+            for &stop in &stops {
+                let seeds = Seeds::render(&session, integrator, sampler, stop, options)?;
                 let bias = reference.as_ref().map(|reference| seeds.bias(reference));
-                let name = format!("{name:<14} {integrator:<12} {:<11} {samples:>4}", sampler.name());
+                let until = stop.samples.map_or(stop.error.unwrap_or(0.0).to_string(), |n| n.to_string());
+                let name = format!("{name:<14} {integrator:<12} {:<11} {until:>6}", sampler.name());
                 seeds.print(&name, bias);
                 // The first renders, which have the most samples, are the reference.
                 reference.get_or_insert(seeds);
@@ -122,10 +136,9 @@ impl Seeds {
         session: &Session,
         integrator: &str,
         sampler: SamplerKind,
-        samples: u64,
+        stop: StopRules,
         options: &Options,
     ) -> Result<Self, Error> {
-        let stop = StopRules { samples: Some(samples), ..StopRules::default() };
         let render = |seed| {
             let connections = connected(integrator);
             let (integrator, sampler) = (Some(integrator.to_string()), Some(sampler));

@@ -285,6 +285,28 @@ fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
 
 /// Rays pass panes with other candidates.
 #[test]
+fn the_blur_of_photons_is_part_of_the_error() {
+    let folder = Folder::of_scene("caustics", "glass-sphere.xml");
+    folder.write("costs.json", br#"{"surfaces": {"sppm": 0.01}}"#);
+    let render = |integrator: &str| -> Value {
+        folder.render(&format!(
+            "s.xml --integrator {integrator} --size 48x36 --spp 16 -q -o a.exr --stats s.json"
+        ));
+        serde_json::from_slice(&folder.read("s.json")).expect("JSON")
+    };
+    let [chosen, named] = ["auto --auto-costs costs.json", "sppm"].map(render);
+    assert_eq!(chosen["integrator"], "sppm", "{chosen}");
+    let bias = chosen["bias"].as_f64().expect("a bias");
+    assert!(bias > 0.0 && named["bias"].is_null(), "{chosen} {named}");
+    let upper = |stats: &Value| stats["relmse_interval"][1].as_f64().expect("an error");
+    assert!((upper(&chosen) - upper(&named) - bias * bias).abs() < 1e-9, "{chosen} {named}");
+    // It may be half of a target error.
+    let target = 1.9 * bias * bias;
+    let other = render(&format!("auto --auto-costs costs.json --target-error {target}"));
+    assert_ne!(other["integrator"], "sppm", "{other}");
+}
+
+#[test]
 fn behind_panes_nothing_with_a_bias_is_chosen() {
     let pane = r#"<shape type="rectangle"><transform name="to_world"><translate z="1"/></transform>
         <bsdf type="thindielectric"/></shape></scene>"#;

@@ -97,7 +97,7 @@ pub struct Decision {
     pub asked: &'static str,
     /// The name of the chosen integrator.
     pub integrator: &'static str,
-    /// Its mean squared relative bias, if one remains with any number of samples.
+    /// The mean squared relative bias of the image, if it has one.
     pub squared_bias: Option<f64>,
     /// All candidates.
     pub trials: Vec<Trial>,
@@ -148,13 +148,16 @@ struct Pilot {
 /// A candidate with its pilot, or the reason why there is none.
 type Tried = (&'static Candidate, Result<Pilot>);
 
-/// The size of the pilots, and the samples of the image.
+/// The size of the pilots, and what the image is.
 #[derive(Clone, Copy)]
 struct Scale {
     /// The ratio of the sides of the pilot to those of the image.
     side: f64,
     /// The ratio of the samples of a pixel of the image to those of the pilot.
     samples: f64,
+    /// The greatest relMSE of the image, and its time, if there is a limit.
+    target: Option<f64>,
+    time: Option<Duration>,
 }
 
 impl Session {
@@ -206,7 +209,8 @@ impl Session {
         camera.film.crop = None;
         // The sides are whole numbers.
         let side = (camera.film.full_area() as f64 / area).sqrt();
-        let mut scale = Scale { side, samples: samples / SAMPLES as f64 };
+        let StopRules { time, error, .. } = choices.stop;
+        let mut scale = Scale { side, samples: samples / SAMPLES as f64, target: error, time };
         let mut tried: Vec<Tried> = Vec::new();
         let candidates = question.candidates(in_media);
         let most_found = candidates.iter().map(|candidate| candidate.hidden_light).max();
@@ -241,11 +245,10 @@ impl Session {
         if let Question::Integrator(AutoSettings { allow_bias: Some(most) }) = question
             && !in_media
         {
-            let error = choices.stop.error;
             for candidate in &BIASED {
                 let pilot = match is_late() {
                     true => Err(Error::scene("the other pilots have taken their share of the time")),
-                    false => self.pilot_with_bias(candidate, choices, &camera, (most, error), &tried, scale),
+                    false => self.pilot_with_bias(candidate, choices, &camera, most, &tried, scale),
                 };
                 tried.push((candidate, pilot));
             }
@@ -255,11 +258,16 @@ impl Session {
             let why = tried.into_iter().find_map(|(_, pilot)| pilot.err());
             return Err(why.expect("without a pilot there is an error"));
         };
+        let errors = errors(&tried);
         let squared_bias = match &tried[chosen] {
             (Candidate { bias: Bias::Remaining, .. }, Ok(pilot)) => Some(pilot.squared_bias),
+            (Candidate { bias: Bias::Vanishing, .. }, Ok(pilot)) => {
+                let image = cost_of_image(&tried, scale);
+                let bias = scale.bias_of_image(pilot, exact(&tried, &errors), image);
+                Some(bias).filter(|bias| scale.allows(*bias))
+            }
             _ => None,
         };
-        let errors = errors(&tried);
         let trial = |(i, (candidate, pilot)): (usize, (&Candidate, Result<Pilot>))| Trial {
             integrator: candidate.name,
             relmse: errors[i].map(|[noise, missing]| noise + missing),
@@ -275,13 +283,13 @@ impl Session {
     }
 
     /// Renders the pilot of a candidate and measures its bias, unless there is a reason not to choose it. `most` is the
-    /// greatest bias, `target` the greatest relMSE of the image if there is a limit.
+    /// greatest bias.
     fn pilot_with_bias(
         &self,
         candidate: &Candidate,
         choices: &Choices,
         camera: &Camera,
-        (most, target): (f64, Option<f64>),
+        most: f64,
         tried: &[Tried],
         scale: Scale,
     ) -> Result<Pilot> {
@@ -317,7 +325,7 @@ impl Session {
         if bias > most {
             return refuse(format!("its bias is up to {}, and {} is allowed", percent(bias), percent(most)));
         }
-        if target.is_some_and(|target| !leaves_room(squared_bias, target)) {
+        if !scale.allows(squared_bias) {
             return refuse(format!("its squared bias, {squared_bias:.2e}, is too near to the target error"));
         }
         Ok(Pilot { squared_bias, ..pilot })
@@ -371,6 +379,37 @@ impl Scale {
     fn preparation(self, candidate: &Candidate, pilot: &Pilot) -> f64 {
         pilot.preparation * self.side.powi(2 - candidate.preparation)
     }
+
+    /// Returns the mean squared relative bias of the image of a candidate whose bias vanishes, with `passes` times the
+    /// passes of its pilot. `exact` is the unbiased pilot to compare with.
+    fn vanishing_bias(self, pilot: &Pilot, exact: Option<&Pilot>, passes: f64) -> f64 {
+        let radius = self.side * passes.powf((ALPHA - 1.0) / 2.0);
+        exact.map_or(0.0, |exact| {
+            let finds_more = pilot.hidden_light > exact.hidden_light;
+            pilot.blocks.squared_bias_of_pixels(&exact.blocks, finds_more) * radius.powf(BIAS_OF_RADIUS)
+        })
+    }
+
+    /// Returns that bias for the image, whose time or number of samples is given. `image` is its
+    /// [cost](cost_of_image).
+    fn bias_of_image(self, pilot: &Pilot, exact: Option<&Pilot>, image: f64) -> f64 {
+        let passes = if self.time.is_some() { image / pilot.cost } else { self.samples };
+        self.vanishing_bias(pilot, exact, passes)
+    }
+
+    /// Returns whether a squared bias leaves a part of the target error to noise.
+    fn allows(self, squared_bias: f64) -> bool {
+        self.target.is_none_or(|target| leaves_room(squared_bias, target))
+    }
+}
+
+/// Returns the unbiased pilot that finds the most light, and of these the one with the least error.
+fn exact<'a>(tried: &'a [Tried], errors: &[Option<[f64; 2]>]) -> Option<&'a Pilot> {
+    let unbiased = tried.iter().zip(errors).filter(|((candidate, _), _)| candidate.bias == Bias::None);
+    unbiased
+        .filter_map(|((_, pilot), error)| Some((pilot.as_ref().ok()?, (*error)?[0])))
+        .min_by(|a, b| b.0.hidden_light.cmp(&a.0.hidden_light).then(a.1.total_cmp(&b.1)))
+        .map(|(pilot, _)| pilot)
 }
 
 /// Returns the error of each pilot, with the light that it lacks, and the squared light that it can never find.
@@ -400,15 +439,12 @@ pub fn leaves_room(squared_bias: f64, target: f64) -> bool {
 }
 
 /// Returns the product of error and cost of each candidate at the cost of the image by the first one, to the scale of
-/// the pilots. A preparation takes a part of that cost, and a bias does not decrease with it.
+/// the pilots. A preparation takes a part of that cost, and a bias does not decrease with it. There is no effort if a
+/// bias leaves no room for noise, and an unbiased candidate finds the same light.
 fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
     let image = cost_of_image(tried, scale);
     let errors = errors(tried);
-    let unbiased = tried.iter().zip(&errors).filter(|((candidate, _), _)| candidate.bias == Bias::None);
-    let exact = unbiased
-        .filter_map(|((_, pilot), error)| Some((pilot.as_ref().ok()?, (*error)?[0])))
-        .min_by(|a, b| b.0.hidden_light.cmp(&a.0.hidden_light).then(a.1.total_cmp(&b.1)))
-        .map(|(pilot, _)| pilot);
+    let exact = exact(tried, &errors);
     let effort = |((candidate, pilot), error): (&Tried, &Option<[f64; 2]>)| {
         let (pilot, [error, missing]) = (pilot.as_ref().ok()?, (*error)?);
         let noise = error * pilot.cost;
@@ -417,12 +453,12 @@ fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
             Bias::Vanishing => {
                 // The ratio of the passes of the image to those of the pilot.
                 let passes = image / pilot.cost;
-                let radius = scale.side * passes.powf((ALPHA - 1.0) / 2.0);
-                let bias = exact.map_or(0.0, |exact| {
-                    let finds_more = pilot.hidden_light > exact.hidden_light;
-                    pilot.blocks.squared_bias_of_pixels(&exact.blocks, finds_more)
-                });
-                noise * passes.powf(1.0 - ALPHA) + bias * radius.powf(BIAS_OF_RADIUS) * image
+                let bias = scale.vanishing_bias(pilot, exact, passes);
+                let is_needed = exact.is_none_or(|exact| pilot.hidden_light > exact.hidden_light);
+                if !is_needed && !scale.allows(scale.bias_of_image(pilot, exact, image)) {
+                    return None;
+                }
+                noise * passes.powf(1.0 - ALPHA) + bias * image
             }
             Bias::Remaining => {
                 let left = 1.0 - scale.preparation(candidate, pilot) / image;
