@@ -47,6 +47,20 @@ fn lanes_are_independent() {
     }
 }
 
+/// Light that is nearly parallel to the surface, but not to the perturbed one, without shadowing.
+#[test]
+fn light_along_the_surface_lights_a_perturbed_normal() {
+    let diffuse = Bsdf::Diffuse(Diffuse { reflectance: Rgb::WHITE });
+    let frame = Frame::from_normal(Vec3::new(0.6, 0.0, 0.8));
+    let tilted = Bsdf::Tilted(Tilted { frame, soften: false, inner: &diffuse, turned: None });
+    let wi = Vec3::new(1.0, 0.0, 1e-30);
+    let alone = tilted.eval(Vec3::Z, wi);
+    let lanes = eval_x16(&[&tilted; LANES], &Vec3x16::splat(Vec3::Z), &Vec3x16::splat(wi), 0xffff);
+    for f in [alone.f.r, lanes.f[0].as_array()[7]] {
+        assert!((f * wi.z * std::f32::consts::PI - 0.6).abs() < 1e-6, "{f}");
+    }
+}
+
 /// The kernels compute what the BSDFs do one by one, within the rounding of their functions. The density of rough
 /// boundaries decreases steeply with the angle between two directions, so the tolerance is 0.1 %.
 #[test]

@@ -1,6 +1,6 @@
 //! BSDFs that contain others, sixteen at a time: the inner ones are evaluated and sampled in lanes, too.
 //!
-//! Not for light paths, whose BSDFs depend on the direction to the viewer.
+//! Light paths are sampled one at a time, because a perturbed normal depends on the direction to the viewer.
 
 use super::lanes::{BsdfEvalX16, BsdfSampleX16, eval_x16, sample_x16};
 use super::{Blend, Bsdf, Tilted};
@@ -98,7 +98,7 @@ impl<'a> BlendX16<'a> {
             share.as_mut_array()[i] = of_bsdf;
         }
         let mut sample = sample_x16(&chosen, wo, u_inner, u, self.lanes);
-        let finite = sample.pdf.simd_lt(f32x16::splat(f32::INFINITY));
+        let finite = !sample.pdf.simd_eq(f32x16::splat(f32::INFINITY));
         sample.weight = sample.weight.map(|weight| weight * share);
         let lanes = (finite & sample.valid).to_bitmask() & self.lanes;
         if lanes != 0 {
@@ -137,7 +137,8 @@ impl<'a> TiltedX16<'a> {
     #[inline(always)]
     fn shadowing(&self, wi: &Vec3x16) -> f32x16 {
         let cos2 = wi.z * wi.z;
-        let tan2 = (f32x16::ONE - cos2).fast_max(f32x16::ZERO) / cos2;
+        let least = f32x16::splat(f32::MIN_POSITIVE);
+        let tan2 = (f32x16::ONE - cos2).fast_max(f32x16::ZERO) / cos2.fast_max(least);
         f32x16::splat(2.0) / (f32x16::ONE + (f32x16::ONE + self.alpha2 * tan2).sqrt())
     }
 

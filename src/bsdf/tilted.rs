@@ -19,9 +19,10 @@ pub struct Tilted<'a> {
     pub turned: Option<&'a Tilted<'a>>,
 }
 
+/// Returns the squared tangent, which is finite.
 fn tan2(w: Vec3) -> f32 {
     let cos2 = w.z * w.z;
-    (1.0 - cos2).max(0.0) / cos2
+    (1.0 - cos2).max(0.0) / cos2.max(f32::MIN_POSITIVE)
 }
 
 impl Tilted<'_> {
