@@ -33,8 +33,8 @@ TWICE := parity watertight self_intersection image_ texture_files cli:: determin
 MDBOOK := target/tools/bin/mdbook
 MDBOOK_VERSION := 0.5.4
 
-# For what is compiled once, and not again after each change. The first two take a third of the time of compiling away,
-# the last one a quarter of the rest.
+# These are for code that is compiled once, and not again after each change. The first two save a third of the time that
+# compiling takes. The last one saves a quarter of the rest.
 export CARGO_INCREMENTAL ?= 0
 export CARGO_PROFILE_DEV_DEBUG ?= 0
 export CARGO_PROFILE_DEV_CODEGEN_UNITS ?= 4

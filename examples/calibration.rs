@@ -101,21 +101,21 @@ fn calibrate(file: &Path, options: &Options) -> Result<(), Error> {
     let session = SceneFile::load(file, &choices)?.compile(AccelKind::default(), default_threads())?;
     let name = file.file_stem().unwrap_or_default().to_string_lossy();
     let mut reference: Option<Seeds> = None;
-    let until_error = |&error| StopRules { error: Some(error), ..StopRules::default() };
-    let until_samples = |&samples| StopRules { samples: Some(samples), ..StopRules::default() };
-    let stops: Vec<StopRules> = match options.errors.is_empty() {
+    let until_error = |&error| (format!("{error}"), StopRules { error: Some(error), ..StopRules::default() });
+    let until_samples =
+        |&samples| (format!("{samples}"), StopRules { samples: Some(samples), ..StopRules::default() });
+    let stops: Vec<(String, StopRules)> = match options.errors.is_empty() {
         true => options.samples.iter().map(until_samples).collect(),
         false => options.errors.iter().map(until_error).collect(),
     };
     for integrator in &options.integrators {
         for &sampler in &options.samplers {
-            for &stop in &stops {
-                let seeds = Seeds::render(&session, integrator, sampler, stop, options)?;
+            for (until, stop) in &stops {
+                let seeds = Seeds::render(&session, integrator, sampler, *stop, options)?;
                 let bias = reference.as_ref().map(|reference| seeds.bias(reference));
-                let until = stop.samples.map_or(stop.error.unwrap_or(0.0).to_string(), |n| n.to_string());
                 let name = format!("{name:<14} {integrator:<12} {:<11} {until:>6}", sampler.name());
                 seeds.print(&name, bias);
-                // The first renders, which have the most samples, are the reference.
+                // The first renders are the reference: those of the first number of samples or target error.
                 reference.get_or_insert(seeds);
             }
         }

@@ -283,7 +283,6 @@ fn a_bias_that_is_allowed_is_measured_and_part_of_the_error() {
     }
 }
 
-/// Rays pass panes with other candidates.
 #[test]
 fn the_blur_of_photons_is_part_of_the_error() {
     let folder = Folder::of_scene("caustics", "glass-sphere.xml");
@@ -306,6 +305,7 @@ fn the_blur_of_photons_is_part_of_the_error() {
     assert_ne!(other["integrator"], "sppm", "{other}");
 }
 
+/// Rays pass panes with other candidates.
 #[test]
 fn behind_panes_nothing_with_a_bias_is_chosen() {
     let pane = r#"<shape type="rectangle"><transform name="to_world"><translate z="1"/></transform>

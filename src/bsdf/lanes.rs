@@ -1,12 +1,12 @@
 //! BSDF evaluation and sampling for sixteen points at a time.
 //!
 //! Diffuse reflection, plastics, boundaries of conductors and dielectrics, and the principled model without
-//! transmission are computed in parallel lanes. For camera paths, so are blends and perturbed normals. Other BSDFs are
-//! computed one lane after the other. The result of a lane does not depend on the other lanes.
+//! transmission are computed in parallel lanes, and so are blends and perturbed normals, except where light paths are
+//! sampled. Other BSDFs are computed one lane after the other. The result of a lane does not depend on the other lanes.
 
 use super::conductor::ConductorX16;
 use super::dielectric::DielectricX16;
-use super::nested_lanes::{eval_alike, sample_alike};
+use super::nested_lanes::{BlendX16, TiltedX16};
 use super::plastic::PlasticX16;
 use super::principled_lanes::PrincipledX16;
 use super::rough_conductor::RoughConductorX16;
@@ -45,6 +45,9 @@ pub struct BsdfSampleX16 {
 
 /// A BSDF of one kind in each of sixteen lanes.
 pub(super) trait Kernel<'a>: Sized {
+    /// Whether the BSDF contains others. If so, its adjoint may differ from it.
+    const IS_NESTED: bool = false;
+
     /// The BSDF of one lane.
     type Scalar: 'a;
 
@@ -70,7 +73,7 @@ pub(super) trait Kernel<'a>: Sized {
     fn like(first: usize, bsdfs: &[&'a Bsdf<'a>; LANES], rest: u32) -> Option<(u32, Self)> {
         let one = Self::of(bsdfs[first])?;
         let mut lanes = rest;
-        let mut like = LaneBsdfs { bsdfs: [one; LANES], equal: true };
+        let mut like = LaneBsdfs { bsdfs: [one; LANES], lanes: rest, equal: true };
         if !all_equal(bsdfs) {
             lanes = 0;
             for i in bits(rest) {
@@ -81,6 +84,7 @@ pub(super) trait Kernel<'a>: Sized {
                 }
             }
         }
+        like.lanes = lanes;
         Some((lanes, Self::gather(&like)))
     }
 }
@@ -89,6 +93,8 @@ pub(super) trait Kernel<'a>: Sized {
 pub(super) struct LaneBsdfs<'a, T> {
     /// The BSDF of each lane.
     pub bsdfs: [&'a T; LANES],
+    /// Mask of the lanes that have one. The others repeat that of another lane.
+    pub lanes: u32,
     /// Whether all lanes have the same.
     equal: bool,
 }
@@ -158,15 +164,18 @@ macro_rules! kernels {
         // A kernel is large: these use one where it was made.
 
         /// Computes [`Bsdf::eval`] in those lanes of the mask `rest` that are like the lane `first`. Returns their
-        /// mask, too; `None` if no kernel is of its kind.
+        /// mask, too; `None` if no kernel is of its kind. Kernels of BSDFs that contain others are used if `NESTED` is
+        /// true.
         #[inline(always)]
-        fn eval_like<'a>(
+        fn eval_like<'a, const NESTED: bool>(
             first: usize,
             bsdfs: &[&'a Bsdf<'a>; LANES],
             rest: u32,
             [wo, wi]: [&Vec3x16; 2],
         ) -> Option<(u32, BsdfEvalX16)> {
-            $(if let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest) {
+            $(if (NESTED || !<$kernel>::IS_NESTED)
+                && let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest)
+            {
                 return Some((lanes, kernel.eval(wo, wi)));
             })*
             None
@@ -174,14 +183,16 @@ macro_rules! kernels {
 
         /// Computes [`Bsdf::sample`] as [`eval_like`] does.
         #[inline(always)]
-        fn sample_like<'a>(
+        fn sample_like<'a, const NESTED: bool>(
             first: usize,
             bsdfs: &[&'a Bsdf<'a>; LANES],
             rest: u32,
             wo: &Vec3x16,
             (u_lobe, u): (f32x16, [f32x16; 2]),
         ) -> Option<(u32, BsdfSampleX16)> {
-            $(if let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest) {
+            $(if (NESTED || !<$kernel>::IS_NESTED)
+                && let Some((lanes, kernel)) = <$kernel>::like(first, bsdfs, rest)
+            {
                 return Some((lanes, kernel.sample(wo, u_lobe, u)));
             })*
             None
@@ -197,6 +208,8 @@ kernels! {
     Principled(PrincipledX16),
     Dielectric(DielectricX16),
     Conductor(ConductorX16),
+    Blend(BlendX16<'a>),
+    Tilted(TiltedX16<'a>),
 }
 
 /// Returns the reflectances of the diffuse lanes by channel, and a mask of the other lanes.
@@ -224,33 +237,26 @@ fn gather_diffuse(bsdfs: &[&Bsdf<'_>; LANES]) -> ([f32x16; 3], u32) {
 
 /// Computes [`Bsdf::eval`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 pub fn eval_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> BsdfEvalX16 {
-    let (mut eval, mut rest) = eval_kernels(bsdfs, wo, wi, active);
-    while rest != 0 {
-        let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, nested)) = eval_alike(i, bsdfs, rest, [wo, wi]) {
-            eval.set_lanes(lanes, &nested);
-            rest &= !lanes;
-        } else {
-            eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
-            rest &= rest - 1;
-        }
+    let (mut eval, others) = eval_kernels::<true>(bsdfs, wo, wi, active);
+    for i in bits(others) {
+        eval.set_lane(i, &bsdfs[i].eval(wo.lane(i), wi.lane(i)));
     }
     eval
 }
 
 /// Computes [`Bsdf::pdf_adjoint`] of `bsdfs[i]` in lane `i`, for the lanes in the mask `active`.
 pub fn pdf_adjoint_x16<'a>(bsdfs: &[&'a Bsdf<'a>; LANES], wo: &Vec3x16, wi: &Vec3x16, active: u32) -> f32x16 {
-    // The density does not depend on what light is, for the BSDFs that have a kernel.
-    let (BsdfEvalX16 { mut pdf, .. }, others) = eval_kernels(bsdfs, wo, wi, active);
+    // For BSDFs that contain no others and have a kernel, the density does not depend on what light is.
+    let (BsdfEvalX16 { mut pdf, .. }, others) = eval_kernels::<false>(bsdfs, wo, wi, active);
     for i in bits(others) {
         pdf.as_mut_array()[i] = bsdfs[i].pdf_adjoint(wo.lane(i), wi.lane(i));
     }
     pdf
 }
 
-/// Evaluates the BSDFs with a kernel. Returns a mask of the other lanes, too.
+/// Evaluates the BSDFs with a kernel. Returns a mask of the other lanes, too. `NESTED` is that of [`eval_like`].
 #[inline(always)]
-fn eval_kernels<'a>(
+fn eval_kernels<'a, const NESTED: bool>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     wi: &Vec3x16,
@@ -261,7 +267,7 @@ fn eval_kernels<'a>(
     let (mut rest, mut others) = (others & active, 0);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, of_kernel)) = eval_like(i, bsdfs, rest, [wo, wi]) {
+        if let Some((lanes, of_kernel)) = eval_like::<NESTED>(i, bsdfs, rest, [wo, wi]) {
             eval.set_lanes(lanes, &of_kernel);
             rest &= !lanes;
         } else {
@@ -307,8 +313,8 @@ impl<'a> BsdfX16<'a> {
         for (lanes, kernel) in &self.kernels {
             eval.set_lanes(*lanes, &kernel.eval(wo, wi));
         }
-        if self.others != 0 {
-            eval.set_lanes(self.others, &eval_x16(&self.bsdfs, wo, wi, self.others));
+        for i in bits(self.others) {
+            eval.set_lane(i, &self.bsdfs[i].eval(wo.lane(i), wi.lane(i)));
         }
         eval
     }
@@ -322,17 +328,10 @@ pub fn sample_x16<'a>(
     u: [f32x16; 2],
     active: u32,
 ) -> BsdfSampleX16 {
-    let (mut samples, mut rest) = sample_kernels(bsdfs, wo, u_lobe, u, active);
-    while rest != 0 {
-        let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, nested)) = sample_alike(i, bsdfs, rest, wo, (u_lobe, u)) {
-            samples.set_lanes(lanes, &nested);
-            rest &= !lanes;
-        } else {
-            let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
-            samples.set_lane(i, bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u));
-            rest &= rest - 1;
-        }
+    let (mut samples, others) = sample_kernels::<true>(bsdfs, wo, u_lobe, u, active);
+    for i in bits(others) {
+        let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
+        samples.set_lane(i, bsdfs[i].sample(wo.lane(i), u_lobe.as_array()[i], u));
     }
     samples
 }
@@ -345,7 +344,7 @@ pub fn sample_adjoint_x16<'a>(
     u: [f32x16; 2],
     active: u32,
 ) -> BsdfSampleX16 {
-    let (mut samples, others) = sample_kernels(bsdfs, wo, u_lobe, u, active);
+    let (mut samples, others) = sample_kernels::<false>(bsdfs, wo, u_lobe, u, active);
     for i in bits(others) {
         let u = Vec2::new(u[0].as_array()[i], u[1].as_array()[i]);
         samples.set_lane(i, bsdfs[i].sample_adjoint(wo.lane(i), u_lobe.as_array()[i], u));
@@ -369,9 +368,9 @@ pub fn sample_adjoint_x16<'a>(
     samples
 }
 
-/// Samples the BSDFs with a kernel. Returns a mask of the other lanes, too.
+/// Samples the BSDFs with a kernel. Returns a mask of the other lanes, too. `NESTED` is that of [`eval_like`].
 #[inline(always)]
-fn sample_kernels<'a>(
+fn sample_kernels<'a, const NESTED: bool>(
     bsdfs: &[&'a Bsdf<'a>; LANES],
     wo: &Vec3x16,
     u_lobe: f32x16,
@@ -390,7 +389,7 @@ fn sample_kernels<'a>(
     let (mut rest, mut others) = (others & active, 0);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize;
-        if let Some((lanes, of_kernel)) = sample_like(i, bsdfs, rest, wo, (u_lobe, u)) {
+        if let Some((lanes, of_kernel)) = sample_like::<NESTED>(i, bsdfs, rest, wo, (u_lobe, u)) {
             samples.set_lanes(lanes, &of_kernel);
             rest &= !lanes;
         } else {

@@ -61,6 +61,31 @@ fn light_along_the_surface_lights_a_perturbed_normal() {
     }
 }
 
+/// Returns a BSDF around a normal, with shadowing in every other lane.
+fn tilted<'a>(normal: Vec3, lane: usize, inner: &'a Bsdf<'a>) -> Tilted<'a> {
+    Tilted { frame: Frame::from_normal(normal), soften: lane.is_multiple_of(2), inner, turned: None }
+}
+
+/// Returns a BSDF that contains that of a lane, or that BSDF itself if the kind is neither 0 nor 1.
+fn container<'a>(
+    kind: usize,
+    lane: usize,
+    inner: &'a [Bsdf<'a>],
+    (normals, turned, weights): (&[Vec3; LANES], &'a [Tilted<'a>], &[f32; LANES]),
+) -> Bsdf<'a> {
+    match kind {
+        0 => {
+            let turned = lane.is_multiple_of(3).then_some(&turned[lane]);
+            Bsdf::Tilted(Tilted { turned, ..tilted(normals[lane], lane, &inner[lane]) })
+        }
+        1 => {
+            let bsdfs = [&inner[lane], &inner[(lane + 3) % LANES]];
+            Bsdf::Blend(Blend { weight: weights[lane], bsdfs })
+        }
+        _ => inner[lane],
+    }
+}
+
 /// The kernels compute what the BSDFs do one by one, within the rounding of their functions. The density of rough
 /// boundaries decreases steeply with the angle between two directions, so the tolerance is 0.1 %.
 #[test]
@@ -135,19 +160,18 @@ fn kernels_compute_what_the_bsdfs_do() {
             let r = (1.0 - z * z).sqrt();
             Vec3::new(r * cos, r * sin, z)
         };
-        let nested: Vec<Bsdf<'_>> = (0..LANES)
-            .map(|i| match (i / 2 + round) % 5 {
-                0 => {
-                    let n = Vec3::new(0.4, 0.4, 0.0) * direction() + Vec3::Z;
-                    let frame = Frame::from_normal(n.normalize());
-                    Bsdf::Tilted(Tilted { frame, soften: i % 2 == 0, inner: &all[i], turned: None })
-                }
-                1 => {
-                    let weight = direction().z.abs();
-                    Bsdf::Blend(Blend { weight, bsdfs: [&all[i], &all[(i + 3) % LANES]] })
-                }
-                _ => all[i],
-            })
+        let normals: [Vec3; LANES] =
+            std::array::from_fn(|_| (Vec3::new(0.4, 0.4, 0.0) * direction() + Vec3::Z).normalize());
+        let weights = std::array::from_fn(|i| [0.0, 1.0, direction().z.abs(), 0.3][i % 4]);
+        let turned: Vec<Tilted<'_>> = (0..LANES)
+            .map(|i| tilted(normals[i] * Vec3::new(-1.0, -1.0, 1.0), i, &all[(i + 1) % LANES]))
+            .collect();
+        // Some BSDFs contain one that contains others.
+        let inner: Vec<_> = (0..LANES)
+            .map(|i| container((i / 2 + round) % 5, i, &all, (&normals, &turned, &weights)))
+            .collect();
+        let nested: Vec<_> = (0..LANES)
+            .map(|i| container((i + round) % 7, i, &inner, (&normals, &turned, &weights)))
             .collect();
         let bsdfs = std::array::from_fn(|i| &nested[i]);
         let (mut wo, mut wi) = (Vec3x16::default(), Vec3x16::default());

@@ -25,7 +25,7 @@ fn tan2(w: Vec3) -> f32 {
     (1.0 - cos2).max(0.0) / cos2.max(f32::MIN_POSITIVE)
 }
 
-impl Tilted<'_> {
+impl<'a> Tilted<'a> {
     /// Returns the shadowing factor near the terminator for light from `wi`: Smith's shadowing of a GGX surface with
     /// a roughness given by the tilt of the normal. [Estevez 2019, Eq. 3 and 4]
     pub(super) fn shadowing(&self, wi: Vec3) -> f32 {
@@ -38,7 +38,7 @@ impl Tilted<'_> {
     }
 
     /// Returns the BSDF for a viewer in the direction `wo`.
-    pub(super) fn for_viewer(&self, wo: Vec3) -> &Self {
+    pub(super) fn for_viewer(&'a self, wo: Vec3) -> &'a Self {
         match self.turned {
             Some(turned) if wo.z * self.frame.n.dot(wo) <= 0.0 => turned,
             _ => self,

@@ -97,7 +97,7 @@ pub struct Decision {
     pub asked: &'static str,
     /// The name of the chosen integrator.
     pub integrator: &'static str,
-    /// The mean squared relative bias of the image, if it has one.
+    /// The mean squared relative bias of the image, if it has one that was measured.
     pub squared_bias: Option<f64>,
     /// All candidates.
     pub trials: Vec<Trial>,
@@ -148,16 +148,15 @@ struct Pilot {
 /// A candidate with its pilot, or the reason why there is none.
 type Tried = (&'static Candidate, Result<Pilot>);
 
-/// The size of the pilots, and what the image is.
+/// The size of the pilots, and the samples of the image.
 #[derive(Clone, Copy)]
 struct Scale {
     /// The ratio of the sides of the pilot to those of the image.
     side: f64,
     /// The ratio of the samples of a pixel of the image to those of the pilot.
     samples: f64,
-    /// The greatest relMSE of the image, and its time, if there is a limit.
-    target: Option<f64>,
-    time: Option<Duration>,
+    /// When the image ends.
+    stop: StopRules,
 }
 
 impl Session {
@@ -209,8 +208,7 @@ impl Session {
         camera.film.crop = None;
         // The sides are whole numbers.
         let side = (camera.film.full_area() as f64 / area).sqrt();
-        let StopRules { time, error, .. } = choices.stop;
-        let mut scale = Scale { side, samples: samples / SAMPLES as f64, target: error, time };
+        let mut scale = Scale { side, samples: samples / SAMPLES as f64, stop: choices.stop };
         let mut tried: Vec<Tried> = Vec::new();
         let candidates = question.candidates(in_media);
         let most_found = candidates.iter().map(|candidate| candidate.hidden_light).max();
@@ -263,8 +261,8 @@ impl Session {
             (Candidate { bias: Bias::Remaining, .. }, Ok(pilot)) => Some(pilot.squared_bias),
             (Candidate { bias: Bias::Vanishing, .. }, Ok(pilot)) => {
                 let image = cost_of_image(&tried, scale);
-                let bias = scale.bias_of_image(pilot, exact(&tried, &errors), image);
-                Some(bias).filter(|bias| scale.allows(*bias))
+                let bias = exact(&tried, &errors).map(|exact| scale.bias_of_image(pilot, exact, image));
+                bias.filter(|bias| scale.allows(*bias))
             }
             _ => None,
         };
@@ -380,26 +378,24 @@ impl Scale {
         pilot.preparation * self.side.powi(2 - candidate.preparation)
     }
 
-    /// Returns the mean squared relative bias of the image of a candidate whose bias vanishes, with `passes` times the
-    /// passes of its pilot. `exact` is the unbiased pilot to compare with.
-    fn vanishing_bias(self, pilot: &Pilot, exact: Option<&Pilot>, passes: f64) -> f64 {
+    /// Returns the mean squared relative bias of a candidate whose bias vanishes, in the size of the image and with
+    /// `passes` times the passes of its pilot. `exact` is the unbiased pilot to compare with.
+    fn vanishing_bias(self, pilot: &Pilot, exact: &Pilot, passes: f64) -> f64 {
         let radius = self.side * passes.powf((ALPHA - 1.0) / 2.0);
-        exact.map_or(0.0, |exact| {
-            let finds_more = pilot.hidden_light > exact.hidden_light;
-            pilot.blocks.squared_bias_of_pixels(&exact.blocks, finds_more) * radius.powf(BIAS_OF_RADIUS)
-        })
+        let finds_more = pilot.hidden_light > exact.hidden_light;
+        pilot.blocks.squared_bias_of_pixels(&exact.blocks, finds_more) * radius.powf(BIAS_OF_RADIUS)
     }
 
-    /// Returns that bias for the image, whose time or number of samples is given. `image` is its
-    /// [cost](cost_of_image).
-    fn bias_of_image(self, pilot: &Pilot, exact: Option<&Pilot>, image: f64) -> f64 {
-        let passes = if self.time.is_some() { image / pilot.cost } else { self.samples };
+    /// Returns the [`vanishing_bias`](Self::vanishing_bias) that the image has at its end. In a given time, the
+    /// candidate takes as many passes as the cost `image` allows.
+    fn bias_of_image(self, pilot: &Pilot, exact: &Pilot, image: f64) -> f64 {
+        let passes = if self.stop.time.is_some() { image / pilot.cost } else { self.samples };
         self.vanishing_bias(pilot, exact, passes)
     }
 
     /// Returns whether a squared bias leaves a part of the target error to noise.
     fn allows(self, squared_bias: f64) -> bool {
-        self.target.is_none_or(|target| leaves_room(squared_bias, target))
+        self.stop.error.is_none_or(|target| leaves_room(squared_bias, target))
     }
 }
 
@@ -453,12 +449,13 @@ fn efforts(tried: &[Tried], scale: Scale) -> Vec<Option<f64>> {
             Bias::Vanishing => {
                 // The ratio of the passes of the image to those of the pilot.
                 let passes = image / pilot.cost;
-                let bias = scale.vanishing_bias(pilot, exact, passes);
-                let is_needed = exact.is_none_or(|exact| pilot.hidden_light > exact.hidden_light);
+                let noise = noise * passes.powf(1.0 - ALPHA);
+                let Some(exact) = exact else { return Some(noise) };
+                let is_needed = pilot.hidden_light > exact.hidden_light;
                 if !is_needed && !scale.allows(scale.bias_of_image(pilot, exact, image)) {
                     return None;
                 }
-                noise * passes.powf(1.0 - ALPHA) + bias * image
+                noise + scale.vanishing_bias(pilot, exact, passes) * image
             }
             Bias::Remaining => {
                 let left = 1.0 - scale.preparation(candidate, pilot) / image;
